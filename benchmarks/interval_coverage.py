@@ -40,7 +40,7 @@ SEEDS = 40
 FIRST_SEED = 5000  # those from 100 to 3150 were seen while the intervals were made
 PROCESSES = 2
 FEWEST_HELD = 0.85  # of a cell: a motion, a disturbance and one of K, B, I
-MISFITS = ("hardening", "friction")  # of which Eq. 15 is no truth
+LACKING_FIT = ("hardening", "friction")  # of which Eq. 15 is no truth
 NEAR = {"K": 0.01, "B": 0.03, "I": 0.1}  # of the plain least squares
 
 
@@ -71,8 +71,8 @@ def plain_least_squares(made: Recording, rows: NDArray[np.bool_]) -> Array:
 
 def row_of(job: tuple[str, str, int]) -> dict[str, Any]:
     """By how much K, B and I of a recording miss the truth, and the half-widths of their intervals;
-    of misfits also by how much the truth differs from a plain least squares. All are shares of the
-    joint's own."""
+    of lacks of fit also by how much the truth differs from a plain least squares. All are shares of
+    the joint's own."""
     motion, disturbance, seed = job
     made = recorded(motion, disturbance, seed)
     row: dict[str, Any] = {"motion": motion, "disturbance": disturbance, "seed": seed}
@@ -83,7 +83,7 @@ def row_of(job: tuple[str, str, int]) -> dict[str, Any]:
         return {**row, "refused": str(error)}
     row |= {"groups": record.groups.kind, "interval_method": fit.interval_method}
     truth = made.joint
-    if disturbance in MISFITS:
+    if disturbance in LACKING_FIT:
         ideal = record_of(made, made.true_theta, made.true_torque)
         same_rows = replace(ideal, groups=record.groups, band_hz=record.band_hz)
         noise_free = rendered_impedance(same_rows).whole
@@ -119,7 +119,7 @@ def lines_of(rows: pl.DataFrame) -> Iterator[tuple[object, ...]]:
             seldom = {k: held for k, held in held_in(cell).items() if held < FEWEST_HELD}
             low += [f"{name} of {motion} {100 * held:.0f}" for name, held in seldom.items()]
         near = "–"
-        if disturbance in MISFITS:
+        if disturbance in LACKING_FIT:
             shares = [(fitted[f"{name}_apart"] <= most).mean() for name, most in NEAR.items()]
             near = percents(shares, ".0f")
         yield (

@@ -323,7 +323,7 @@ def in_series(motion: Moved, joint: Joint, compliance: float) -> Taken:
     return Taken(motion.theta + compliance * torque, torque)
 
 
-# Friction and play
+# Friction and backlash
 
 
 SIGN_WIDTH = 2e-3  # rad/s, in which Coulomb friction turns its sign
@@ -352,7 +352,7 @@ def with_spring_at(motion: Moved, joint: Joint, angle: Array) -> Taken:
     return Taken(motion.theta, without_spring + joint.K * angle)
 
 
-def play(motion: Moved, joint: Joint, gap: float) -> Taken:
+def backlash(motion: Moved, joint: Joint, gap: float) -> Taken:
     """A gap [rad] about zero within which the spring gives no torque."""
     return with_spring_at(motion, joint, motion.theta - np.clip(motion.theta, -gap / 2, gap / 2))
 
@@ -535,24 +535,24 @@ CAUSES = [
         told=UNTOLD,
     ),
     Cause(
-        "play, no hysteresis",
-        play,
+        "backlash, no hysteresis",
+        backlash,
         0.1 * DEG,
-        ("backlash", "play, speed or direction", "spring that is not linear", *FRICTION),
+        ("backlash", "backlash, speed or direction", "spring that is not linear", *FRICTION),
         "rad",
     ),
     Cause(
-        "play with hysteresis",
+        "backlash with hysteresis",
         play_with_hysteresis,
         0.15 * DEG,
-        ("backlash", "play, speed or direction", *FRICTION),
+        ("backlash", "backlash, speed or direction", *FRICTION),
         "rad",
     ),
     Cause(
-        "play with hysteresis, slow noise",
+        "backlash with hysteresis, slow noise",
         play_with_hysteresis,
         6e-3,
-        ("backlash", "play, speed or direction", *FRICTION),
+        ("backlash", "backlash, speed or direction", *FRICTION),
         "rad",
         sized=False,
         recorder=SLOW,
@@ -583,21 +583,21 @@ CAUSES = [
         "quadratic damping",
         quadratic_damping,
         1.5,
-        ("damping that depends on speed", "play, speed or direction"),
+        ("damping that depends on speed", "backlash, speed or direction"),
         "N*m*s^2/rad^2",
     ),
     Cause(
         "K by direction",
         stiffness_by_direction,
         0.3,
-        ("play, speed or direction", "spring that is not linear"),
+        ("backlash, speed or direction", "spring that is not linear"),
         "of K",
     ),
     Cause(
         "B by direction",
         damping_by_direction,
         0.3,
-        ("play, speed or direction",),
+        ("backlash, speed or direction",),
         "of B",
     ),
     Cause("torque held at 50 Hz", held_torque, 50.0, PATH, "Hz", sized=False),

@@ -3,8 +3,8 @@
 on the other.
 
 Run from the repository: `python benchmarks/weights.py`. Each recording without stated gains is
-fitted once, and its rivals' predictions are weighed by each set of numbers of a grid, in a quarter
-of an hour on one core. A half has every second motion of each cause
+fitted once, and its candidate models' predictions are weighed by each set of numbers of a grid, in
+a quarter of an hour on one core. A half has every second motion of each cause
 and size. The best set names most causes rightly, less `COST` for each sound recording that it
 accuses; of equal ones it is the set nearest to the present.
 """
@@ -22,7 +22,7 @@ import planted
 
 from osl_analysis.bench.budgets import ERROR_SOURCES, PROPERTIES
 from osl_analysis.inference import weighing
-from osl_analysis.inference.rivals import EQ_15, Candidate
+from osl_analysis.inference.candidate_models import EQ_15, ModelAtValue
 from osl_analysis.inference.weighing import Predicted
 from osl_analysis.judge.known_findings import FINDINGS
 from osl_analysis.stats.budget import DOUBT, FLOOR
@@ -52,7 +52,7 @@ def predictions_of(cause: planted.Cause, size: float, motion: str, seed: int) ->
 
 def without_signals(fit: Predicted) -> Predicted:
     """A prediction without the columns of its candidate, of which each has megabytes."""
-    return replace(fit, candidate=Candidate(fit.rival, np.empty((3, 0)), np.empty(0)))
+    return replace(fit, candidate=ModelAtValue(fit.model, np.empty((3, 0)), np.empty(0)))
 
 
 def recordings() -> Iterator[Weighed]:
@@ -73,13 +73,13 @@ def recordings() -> Iterator[Weighed]:
 def named(recording: Weighed) -> str | None:
     """The finding of the source that is named, by the accuracies that the configuration states."""
     weighed, best_sound = weighing.weigh(recording.fits, recording.freedom)
-    sound_with = {fit.has_friction: fit for fit in recording.fits if fit.rival is EQ_15}
+    sound_with = {fit.has_friction: fit for fit in recording.fits if fit.model is EQ_15}
     needed = np.hypot(best_sound.impedance, [*FLOOR.values()]) * [*causes.ACCURACY.values()]
     of_sources: dict[str, float] = {}
     for fit, weight in weighed:
         change = np.abs(fit.impedances - sound_with[fit.has_friction].impedance).max(axis=0)
-        if fit.rival is not EQ_15 and fit.rival.name not in PROPERTIES and np.any(change > needed):
-            source = ERROR_SOURCES[fit.rival.family]
+        if fit.model is not EQ_15 and fit.model.name not in PROPERTIES and np.any(change > needed):
+            source = ERROR_SOURCES[fit.model.family]
             of_sources[source] = of_sources.get(source, 0.0) + weight
     if sum(of_sources.values()) <= DOUBT:
         return None

@@ -159,7 +159,8 @@ class InputError(OslAnalysisError):
 
 
 class NotWeighedError(InputError):
-    """The inference cannot weigh rivals of Eq. 15 by a recording, which least squares alone fit."""
+    """The inference cannot weigh candidate models of Eq. 15 by a recording, which least squares
+    alone fit."""
 
 
 class WriteError(InputError):

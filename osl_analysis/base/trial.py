@@ -143,7 +143,7 @@ class Trial:
         Of the trial, for messages.
     samples : polars.DataFrame
         Columns in SI units. *null*: the column has no sample at that time, because its recorder has
-        another rate. *NaN*: the column was sampled but has no reading, such as a hidden marker.
+        another rate. *NaN*: the column was sampled but has no reading, such as an occluded marker.
         A pandas frame is taken, too; it has no null, so that its NaN stays one.
     provenance : Mapping
         Where each column comes from; all of it is JSON.

@@ -17,7 +17,7 @@ from osl_analysis.inference import ImpedanceInference
 from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, budget_rows
 
 VISCOELASTIC = "viscoelastic branch"
-# rivals that are properties of a joint, and no faults
+# candidate models that are properties of a joint, and no faults
 PROPERTIES = ("nonlinear spring", "K by side", "damping by speed", VISCOELASTIC)
 ERROR_SOURCES = {
     "path": "torque_path",
@@ -27,8 +27,8 @@ ERROR_SOURCES = {
     "direction": "play_or_speed",
     "clipping": "clipped_signal",
 }
-"""By family of rivals, the source."""
-LEAST_PROBABILITY = 0.005  # of a rival that has a row: 40 of them do not make a doubt
+"""By family of candidate models, the source."""
+LEAST_PROBABILITY = 0.005  # of a candidate model that has a row: 40 of them do not make a doubt
 
 
 def fit_tables(name: str, *fits: tuple[Row, Mapping[str, Budget]]) -> dict[str, pl.DataFrame]:
@@ -48,9 +48,9 @@ def fit_tables(name: str, *fits: tuple[Row, Mapping[str, Budget]]) -> dict[str, 
     return {name: table_of(rows, name), "budget": table_of(of_budgets, "budget")}
 
 
-def stated_rivals(record: Record) -> set[str]:
-    """The rivals that what is stated of the bench rules out. A known spring shows the delay, the
-    low-pass and the frame at once."""
+def stated_models(record: Record) -> set[str]:
+    """The candidate models that what is stated of the bench rules out. A known spring shows the
+    delay, the low-pass and the frame at once."""
     settings = record.settings
     stated = set[str]()
     if any(each["delay_s"] for each in record.streams):
@@ -68,9 +68,9 @@ def stated_rivals(record: Record) -> set[str]:
 def alternatives(
     joint: ImpedanceInference | None, stated: Collection[str], k: int
 ) -> list[Contribution]:
-    """What the rivals of Eq. 15 would make of K, B or I (k = 0, 1, 2), each with its probability,
-    and what torque that none of them explains could, whose bound is a rectangular distribution's
-    half-width (JCGM 100:2008, 4.3.7)."""
+    """What the candidate models of Eq. 15 would make of K, B or I (k = 0, 1, 2), each with its
+    probability, and what torque that none of them explains could, whose bound is a rectangular
+    distribution's half-width (JCGM 100:2008, 4.3.7)."""
     if joint is None:
         return []
     found: list[Contribution] = []

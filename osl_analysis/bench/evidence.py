@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_rivals
+from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_models
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
     WITHOUT_FRICTION,
@@ -208,7 +208,7 @@ class WhatElse:
     """What a recording tells beside Eq. 15."""
 
     belt: Belt  # of a leg
-    joint: ImpedanceInference | None  # of a joint: the rivals; None: not weighed
+    joint: ImpedanceInference | None  # of a joint: the candidate models; None: not weighed
     is_friction_untold: bool  # whether the motion does not tell friction from damping
     without_friction: Mapping[Label, LinearFit]  # where friction is certain
     ranges: Row  # the range of estimates over amplitudes and frequencies
@@ -217,7 +217,7 @@ class WhatElse:
 def what_else(
     analysis: Analysis, s: Sums, p: DrivetrainParameters | None, is_of_gains: bool
 ) -> WhatElse:
-    """Weigh the rivals of a joint or look at the belt of a leg, and fit dry friction."""
+    """Weigh the candidate models of a joint or look at the belt of a leg, and fit dry friction."""
     record = analysis.record
     of_leg = is_leg(record, p, is_of_gains)
     joint = None if of_leg else inferred_of_joint(record)
@@ -271,7 +271,7 @@ def with_other_contributions(
 ) -> dict[str, Budget]:
     """The estimates of a whole trial with what another motion, a fault, and what was not checked
     would change."""
-    stated = stated_rivals(analysis.record)
+    stated = stated_models(analysis.record)
     of_lag = moved_by_lag(found.belt, budgets)
     not_checked = unchecked(analysis, found, budgets, stated, gains_are_known)
     complete = dict(budgets)
@@ -295,8 +295,8 @@ def with_other_contributions(
 
 def over_motion(analysis: Analysis, ranges: Row, name: str) -> list[Contribution]:
     """Half of the range of an estimate over the motion. Where most of it is a change from the
-    smallest to the largest amplitude, beyond noise, it has a name: a stiffening spring, or play,
-    raises K, and friction lowers K and B."""
+    smallest to the largest amplitude, beyond noise, it has a name: a stiffening spring, or
+    backlash, raises K, and friction lowers K and B."""
     low, high = ranges.get(f"{name}_range_low"), ranges.get(f"{name}_range_high")
     if not (isinstance(low, float) and isinstance(high, float)):
         return []

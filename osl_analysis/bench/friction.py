@@ -219,8 +219,8 @@ def fit_less(s: Sums, column: str, size: float) -> LinearFit:
 
 
 def inferred_of_joint(record: Record) -> ImpedanceInference | None:
-    """What may be wrong with the recording of a joint that no actuator renders; None where rivals
-    cannot be weighed, as in a short one.
+    """What may be wrong with the recording of a joint that no actuator renders; None where
+    candidate models cannot be weighed, as in a short one.
 
     None is weighed of a motion beyond `BEYOND` cut-offs: where the acceleration jumps, the torque
     jumps at one of the samples, which is like a delay that differs from jump to jump."""

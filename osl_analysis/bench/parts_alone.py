@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from osl_analysis.base.errors import InputError, naming
 from osl_analysis.base.trial import Array, Trial
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
-from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_rivals
+from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_models
 from osl_analysis.bench.friction import coulomb_fits, inferred_of_joint
 from osl_analysis.bench.impedance import Analysis, analysed
 from osl_analysis.bench.motion import signals_of, stretches_of
@@ -253,7 +253,7 @@ def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> d
     """The losses of a whole trial with what friction and a weight, which acts as a spring, change,
     and what a fault would."""
     joint = inferred_of_joint(analysis.record)
-    stated = stated_rivals(analysis.record)
+    stated = stated_models(analysis.record)
     weight = with_effects(s, TRANSMISSION, "theta")
     others = {"B_j": budgets["B_j_viscous"].value, "J_j": budgets["J_j"].value}
     if weight.certain("theta"):

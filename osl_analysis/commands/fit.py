@@ -136,8 +136,8 @@ def fitted_record(
 def is_broken_outside(trial: Trial, cut: Trial, longest_gap_s: float) -> bool:
     """Whether an angle or the torque leaps, or has a long gap, in a part that was cut off a trial.
     The filters would spread a leap into the windows, an angle that slipped there would look like
-    play, and no time base crosses the gap. A sound trial is filtered whole, since a filter needs
-    what lies around the windows."""
+    backlash, and no time base crosses the gap. A sound trial is filtered whole, since a filter
+    needs what lies around the windows."""
     first, last = cut.samples["time"][0], cut.samples["time"][-1]
     for column in {"theta", "theta_m", "torque"} & {*trial.columns}:
         time, values = trial.arrays(column)

@@ -318,12 +318,12 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> tuple[RecordedChannel |
 
     first = clocks[0]
     taken = printable(first.key)
-    rivals = [clock for clock in clocks if is_apart(clock, first)]
+    candidate_models = [clock for clock in clocks if is_apart(clock, first)]
     alike = [clock for clock in clocks[1:] if clock in candidates]
-    asked = [first, *(rivals or alike)]
+    asked = [first, *(candidate_models or alike)]
     spans = [f"{printable(clock.key)} spans {np.ptp(clock.readings):.6g}" for clock in asked]
     several = f"{len(asked)} {first.kind}s may be the clock: {listing(spans)}"
-    if rivals:
+    if candidate_models:
         return None, (
             f"{several}; they contradict each other, name the one by which the signals were"
             " sampled, or `time` with each channel"

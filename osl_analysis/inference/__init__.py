@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be wrong with a bench recording: rival torque models, weighed by prediction. What a
+"""What may be wrong with a bench recording: candidate torque models, weighed by prediction. What a
 successor needs:
 
 **Question.** Which fault or property, if any, is in this torque, how probable is it, and by how
 much would it change K, B and I? `bench/budgets.py` makes rows of the budget of the answer,
 `bench/friction.py` takes friction off B where it is certain. Nothing here decides a verdict.
 
-**Equation.** A rival is Eq. 15 with other or further columns x, beside offset, drift and, perhaps,
-dry friction, in torque and columns whose noise is white:
+**Equation.** A candidate model is Eq. 15 with other or further columns x, beside offset, drift and,
+perhaps, dry friction, in torque and columns whose noise is white:
 
     torque = K x_1 + B x_2 + I x_3 + further columns + offset and drift (+ friction) + noise
     weight = prior exp(gain/temperature), the mean over a Bayesian bootstrap of 24 blocks
@@ -16,8 +16,8 @@ dry friction, in torque and columns whose noise is white:
 | file, in order | does |
 |---|---|
 | `spectra` | angle and torque in the band of the motion, at two rates |
-| `whitening` | the noise becomes white by what a model richer than any rival leaves |
-| `rivals` | the rivals as one table, and how each is fitted |
+| `whitening` | the noise becomes white by what a model richer than any candidate model leaves |
+| `candidate_models` | the candidate models as one table, and how each is fitted |
 | `rounding_errors` | what rounding of the angle alone would do |
 | `weighing` | predictions and priors give weights |
 | `actuator` | a leg's actuator without its friction |
@@ -33,7 +33,8 @@ varied):
   ranges hold under a fault; 0.4 names a quarter.
 * *Rounding lowers the gain* by drawn zeros and sizes: of 384 frictionless slow sines of 12 and 14
   bits 19 have friction without other sizes, 10 with them.
-* *One screen by all columns at once*: where they gain less than chance, no rival is tried. A sound
+* *One screen by all columns at once*: where they gain less than chance, no candidate model is
+tried. A sound
   fit takes 0.22 s for 0.55 s, and K moves by 1.6e-5.
 * *Leverage in the noise's spectrum*: without it 34 columns leave a quarter less noise near the
   motion than far from it in 15 s; with it the ratio is 0.9 to 1.2 (`tests/inference`).
@@ -43,12 +44,12 @@ varied):
 **Tried and dropped.** Residuals named by their shape, a threshold each (122 rules that did not know
 the interval). Rounding as random effects (a dozen draws are fitted away). Jerk and snap as a screen
 of paths, a least gain before a search, the scatter of scores in the covariance, a second noise for
-faults: without them 22 planted faults of 45 are named for 23 (clipping, play, hardening, moving
-average, steps of K; `causes.py --quick`), and two of play fewer are called unexplained.
+faults: without them 22 planted faults of 45 are named for 23 (clipping, backlash, hardening, moving
+average, steps of K; `causes.py --quick`), and two of backlash fewer are called unexplained.
 
 **Not solved.** A reflex reads as a late torque. A low-pass behind steps, a gain of all torques and
-gravity that turns with the joint leave nothing that a rival could predict: only a calibration
-tells. Friction at one speed is damping.
+gravity that turns with the joint leave nothing that a candidate model could predict: only a
+calibration tells. Friction at one speed is damping.
 """
 
 from osl_analysis.inference.actuator import FrictionlessActuator, frictionless_actuator

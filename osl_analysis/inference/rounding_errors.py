@@ -4,7 +4,7 @@ motion.
 
 Rounding is no noise where a motion repeats itself: every cycle has the same errors. Drawn with
 other zeros and sizes (Widrow and Kollár, Quantization Noise, 2008), they say what rounding alone
-does to each estimate, and how well it alone would be explained by each rival. As random
+does to each estimate, and how well it alone would be explained by each candidate model. As random
 effects in the model a dozen draws would be fitted away.
 """
 

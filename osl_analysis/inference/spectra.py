@@ -49,9 +49,10 @@ HIGHEST_BAND = 40.0
 BAND_OF_RATE = 0.28
 # Rate at which signals are multiplied, or pass a nonlinearity [Hz]; prototype; not varied
 PRODUCT_RATE = 250.0
-# Least play, dead zone, motion or RMS of what is cut, over K, that is not rounding [encoder steps];
-# at 1.5 steps a joint at rest explains its own rounding as a dead zone, with a log-likelihood of
-# 143; sound steps between levels look cut by up to 2.1, and what is cut and named by 9 or more
+# Least backlash, dead zone, motion or RMS of what is cut, over K, that is not rounding [encoder
+# steps]; at 1.5 steps a joint at rest explains its own rounding as a dead zone, with a
+# log-likelihood of 143; sound steps between levels look cut by up to 2.1, and what is cut and named
+# by 9 or more
 FEWEST_STEPS = 3.0
 # Angles over which friction builds up before it slides [rad]; bristles of 3e-5 to 1e-3 rad are
 # sums of these: docs/bench_validation.md

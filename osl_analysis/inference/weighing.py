@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Weights of the rivals, by how each predicts parts of a recording that it was not fitted to.
+"""Weights of the candidate models, by how each predicts parts of a recording that it was not fitted
+to.
 
 A model with more parameters always fits better; it predicts better only if it is closer to what
 happened (Stone, J. R. Stat. Soc. B 36, 1974). All of it is algebra on the normal matrices of the
 blocks, which need one pass over the rows.
 
-The weight of a rival is its prior times the exponential of what it gains in prediction,
+The weight of a candidate model is its prior times the exponential of what it gains in prediction,
 averaged over a Bayesian bootstrap of the blocks (pseudo-BMA+: Yao, Vehtari, Simpson and Gelman,
 Bayesian Analysis 13, 2018). The gain is divided by a *temperature*, since two things are not noise:
 
-* rounding, which alone would give some rival a gain;
+* rounding, which alone would give some candidate model a gain;
 * that no mechanism is exactly its formula: it misses `INEXACTNESS` of its own torque.
 """
 
@@ -22,7 +23,14 @@ import numpy as np
 import scipy
 
 from osl_analysis.base.trial import Array
-from osl_analysis.inference.rivals import EQ_15, RIVALS, Candidate, Rival, Search, candidates
+from osl_analysis.inference.candidate_models import (
+    CANDIDATE_MODELS,
+    EQ_15,
+    CandidateModel,
+    ModelAtValue,
+    Search,
+    models_at_values,
+)
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import (
     BLOCKS,
@@ -47,7 +55,7 @@ INEXACTNESS = 0.2
 # decides
 BOOTSTRAP_DRAWS = 200
 
-RIVAL_FAMILIES = {rival.family for rival in RIVALS if rival.family}
+FAMILIES = {model.family for model in CANDIDATE_MODELS if model.family}
 SEED = 1  # of the bootstrap: the same recording gives the same numbers
 
 
@@ -57,8 +65,8 @@ class Predicted:
 
     Attributes
     ----------
-    candidate : Candidate
-        The rival, at a value of its own parameter.
+    candidate : ModelAtValue
+        The candidate model, at a value of its own parameter.
     has_friction : bool
         Whether friction is beside it.
     squares : Array (BLOCKS,)
@@ -76,7 +84,7 @@ class Predicted:
         Sum of squares that it leaves of rounding alone.
     """
 
-    candidate: Candidate
+    candidate: ModelAtValue
     has_friction: bool
     squares: Array
     impedances: Array
@@ -86,9 +94,9 @@ class Predicted:
     rounding_left: float
 
     @property
-    def rival(self) -> Rival:
+    def model(self) -> CandidateModel:
         """What the candidate is of."""
-        return self.candidate.rival
+        return self.candidate.model
 
     @property
     def impedance(self) -> Array:
@@ -96,7 +104,7 @@ class Predicted:
         return self.impedances.mean(axis=0)
 
 
-def all_columns(data: Whitened, candidate: Candidate, has_friction: bool) -> Array:
+def all_columns(data: Whitened, candidate: ModelAtValue, has_friction: bool) -> Array:
     """Columns (c, m) of a candidate: its own, its slope, friction, offset and drift."""
     parts = [candidate.columns]
     if candidate.slope is not None:
@@ -164,14 +172,14 @@ class BlockFit:
         return float(left / len(rounding))
 
 
-def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:
+def predict(search: Search, candidate: ModelAtValue, rounding: Array) -> Predicted:
     """Fit a candidate, and predict each block by the fit to the others.
 
     Parameters
     ----------
     search : Search
         The recording, with or without friction.
-    candidate : Candidate
+    candidate : ModelAtValue
     rounding : Array (draws, m)
         Torques that rounding alone makes.
     """
@@ -185,7 +193,7 @@ def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:
     coefficients = estimates[:width]
     # what turns the coefficients into K, B and I
     of_added = np.eye(3, width - 3)
-    matrices = [np.hstack([np.eye(3), share * of_added]) for share in candidate.rival.shares]
+    matrices = [np.hstack([np.eye(3), share * of_added]) for share in candidate.model.shares]
     of_impedance = matrices[0] @ covariance[:width, :width] @ matrices[0].T
 
     friction_torque = 0.0
@@ -208,15 +216,15 @@ def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:
 def log_prior(fits: Sequence[Predicted]) -> Array:
     """Logarithms (h,) of the prior probabilities.
 
-    Families share what is not sound evenly, and so do rivals within a family. Each candidate of a
-    rival has the rival's own: if they shared it, 6 fewer of 977 planted causes would be named. B
-    and I are those of a body, and positive.
+    Families share what is not sound evenly, and so do candidate models within a family. Each
+    candidate of a candidate model has the candidate model's own: if they shared it, 6 fewer of 977
+    planted causes would be named. B and I are those of a body, and positive.
     """
-    of_family = Counter(rival.family for rival in {fit.rival for fit in fits})
+    of_family = Counter(model.family for model in {fit.model for fit in fits})
     found = []
     for fit in fits:
-        family = fit.rival.family
-        prior = (1 - PRIOR_SOUND) / len(RIVAL_FAMILIES) if family else PRIOR_SOUND
+        family = fit.model.family
+        prior = (1 - PRIOR_SOUND) / len(FAMILIES) if family else PRIOR_SOUND
         prior *= PRIOR_FRICTION if fit.has_friction else 1 - PRIOR_FRICTION
         deviations = fit.impedances[0] / np.sqrt(np.diag(fit.covariance))
         are_positive = np.sum(scipy.special.log_ndtr(deviations[1:]))
@@ -227,12 +235,12 @@ def log_prior(fits: Sequence[Predicted]) -> Array:
 def weigh(
     fits: Sequence[Predicted], freedom: float
 ) -> tuple[list[tuple[Predicted, float]], Predicted]:
-    """Weigh rivals by prediction.
+    """Weigh candidate models by prediction.
 
     Parameters
     ----------
     fits : sequence of Predicted
-        Rivals beside friction, or not.
+        Candidate models beside friction, or not.
     freedom : float
         Number of independent rows.
 
@@ -246,12 +254,12 @@ def weigh(
     """
     possible = [fit for fit in fits if fit.friction_torque >= 0 and np.isfinite(fit.squares).all()]
     # what friction takes up of rounding alone is no gain
-    plain = {fit.has_friction: fit for fit in fits if fit.rival is EQ_15}
+    plain = {fit.has_friction: fit for fit in fits if fit.model is EQ_15}
     of_friction = max(plain[False].rounding_left - plain[True].rounding_left, 0.0)
     squares = np.array([fit.squares for fit in possible])
     squares[[fit.has_friction for fit in possible]] += of_friction / BLOCKS
     totals = squares.sum(axis=1)
-    is_sound = np.array([fit.rival is EQ_15 for fit in possible])
+    is_sound = np.array([fit.model is EQ_15 for fit in possible])
     best = np.argmin(totals)
     best_sound = np.argmin(np.where(is_sound, totals, np.inf))
 
@@ -273,9 +281,9 @@ def weigh(
 
 
 # The inference, from angle and torque of a recording to what may be wrong with it: `spectra` have
-# the band of the motion; `whitening` makes the noise white; `rivals` of Eq. 15 are fitted, with and
-# without dry friction, where the columns of all of them together gain anything; and each predicts
-# parts of the recording by its fit to the others.
+# the band of the motion; `whitening` makes the noise white; `candidate_models` of Eq. 15 are
+# fitted, with and without dry friction, where the columns of all of them together gain anything;
+# and each predicts parts of the recording by its fit to the others.
 
 
 # what is left over the noise of the rows that move least and over rounding, up to which it is
@@ -286,7 +294,7 @@ MOST_NOISE = 1.6
 def largest_shifts(
     data: Whitened, best: Predicted, plain_left: float, impedance: Array, rounding: Array
 ) -> Array:
-    """The largest changes of K, B and I (3,) [SI] by torque that no rival explains.
+    """The largest changes of K, B and I (3,) [SI] by torque that no candidate model explains.
 
     Parameters
     ----------
@@ -328,11 +336,11 @@ SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: o
 
 @dataclass(frozen=True)
 class Alternative:
-    """A rival that may be why the torque is not that of Eq. 15 alone."""
+    """A candidate model that may be why the torque is not that of Eq. 15 alone."""
 
     family: str
     name: str
-    probability: float  # given that one of the rivals is right
+    probability: float  # given that one of the candidate models is right
     change: Array  # (3,) by how much K, B and I would be others at most, by it [SI]
 
 
@@ -347,9 +355,9 @@ class ImpedanceInference:
     friction_probability : float
         Probability of dry friction.
     alternatives : tuple of Alternative
-        Each rival, the most probable first.
+        Each candidate model, the most probable first.
     unexplained : Array (3,)
-        By how much torque that no rival explains could move K, B and I at most [SI].
+        By how much torque that no candidate model explains could move K, B and I at most [SI].
     """
 
     without_friction: Mapping[str, float]
@@ -358,7 +366,7 @@ class ImpedanceInference:
     unexplained: Array
 
     def probability_of(self, family: str) -> float:
-        """Probability that a rival of a family is right."""
+        """Probability that a candidate model of a family is right."""
         return sum(each.probability for each in self.alternatives if each.family == family)
 
 
@@ -384,26 +392,26 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
     data = Whitened(spectra)
     searches = [Search(data, has_friction) for has_friction in (False, True)]
     without_friction = searches[0]
-    rivals = (EQ_15,) if is_explained_by_eq15(without_friction) else RIVALS
+    models = (EQ_15,) if is_explained_by_eq15(without_friction) else CANDIDATE_MODELS
     rounding = rounding_torques(data, without_friction.impedance)
     fits = [
         predict(search, candidate, rounding)
         for search in searches
-        for rival in rivals
-        for candidate in candidates(rival, search)
+        for model in models
+        for candidate in models_at_values(model, search)
     ]
     weighed, best_sound = weigh(fits, spectra.freedom)
-    # a rival is compared with the sound joint that has friction as it has
-    sound_with = {fit.has_friction: fit for fit in fits if fit.rival is EQ_15}
+    # a candidate model is compared with the sound joint that has friction as it has
+    sound_with = {fit.has_friction: fit for fit in fits if fit.model is EQ_15}
     alternatives = [
         Alternative(
-            family=fit.rival.family,
-            name=fit.rival.name,
+            family=fit.model.family,
+            name=fit.model.name,
             probability=weight,
             change=np.abs(fit.impedances - sound_with[fit.has_friction].impedance).max(axis=0),
         )
         for fit, weight in weighed
-        if fit.rival is not EQ_15
+        if fit.model is not EQ_15
     ]
     best, _ = max(weighed, key=lambda each: each[1])
     return ImpedanceInference(
@@ -415,11 +423,11 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
 
 
 def is_explained_by_eq15(plain: Search) -> bool:
-    """Whether the columns of all rivals together explain no more than chance would.
+    """Whether the columns of all candidate models together explain no more than chance would.
 
     By chance k columns gain k/2 of log-likelihood, with a standard deviation of the root of that.
-    One fit then does for those of all rivals. B and I of Eq. 15 alone must be positive: otherwise a
-    path may explain them although it gains nothing.
+    One fit then does for those of all candidate models. B and I of Eq. 15 alone must be positive:
+    otherwise a path may explain them although it gains nothing.
     """
     noise = max(plain.left / plain.data.spectra.freedom, 1.0)
     if not plain.is_body or noise >= MOST_NOISE:

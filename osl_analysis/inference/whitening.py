@@ -2,7 +2,7 @@
 """Whitening by the noise's own spectrum: after it, least squares is maximum likelihood.
 
 Load cells drift, persons lean on benches, and amplifiers hum: the noise of a torque is not white.
-The residual of a model that is richer than any rival has its spectrum (generalised least
+The residual of a model that is richer than any candidate model has its spectrum (generalised least
 squares with an estimated covariance; Ljung, System Identification, 1999, ch. 7). Divided by its
 root, torque and columns have white noise of variance 1, whatever the noise was. No trend or
 high-pass has to be chosen.
@@ -51,11 +51,11 @@ class Whitened:
         Whitened torque.
     columns : dict
         Whitened columns (k, m) by their names: `derivatives` of the angle, shapes of dry
-        `friction`, `slow` ones of offset and drift, and what rivals of Eq. 15 add to it.
+        `friction`, `slow` ones of offset and drift, and what candidate models of Eq. 15 add to it.
     motion : Array (3, m)
         Whitened angle, velocity, acceleration, whose coefficients are K, B and I.
     rich : Array (k, m)
-        Whitened columns of what any rival may add to the torque, to first order.
+        Whitened columns of what any candidate model may add to the torque, to first order.
     gain : Array (f,)
         By which the spectra of windowed signals are whitened [1/(N*m)].
     mean_friction : Array (k,)
@@ -66,7 +66,7 @@ class Whitened:
         self.spectra = spectra
         friction = friction_torques(spectra)
         self.mean_friction = np.abs(friction[:, spectra.inside]).mean(axis=1)
-        products = {"friction": friction, **products_of_rivals(spectra, friction[0])}
+        products = {"friction": friction, **products_of_models(spectra, friction[0])}
         products["slow"] = np.vander(spectra.relative_time - 0.5, SLOW_POWERS, increasing=True).T
 
         parts = {"derivatives": spectra.derivatives}
@@ -81,7 +81,7 @@ class Whitened:
         self.motion = self.columns["derivatives"][:3]
 
     def shared(self, has_friction: bool) -> Array:
-        """Columns (k, m) that all rivals share: of friction, offset and drift."""
+        """Columns (k, m) that all candidate models share: of friction, offset and drift."""
         slow = self.columns["slow"]
         return np.concatenate([self.columns["friction"], slow]) if has_friction else slow
 
@@ -130,8 +130,8 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     taken_of_motion = taken[is_motion].mean()
     if taken_of_motion > MOST_TAKEN:
         raise NotWeighedError(
-            f"the recording is too short: columns of rivals take up {taken_of_motion:.2f} of the"
-            f" noise beside the motion, at most {MOST_TAKEN:g} is allowed",
+            f"the recording is too short: columns of candidate models take up {taken_of_motion:.2f}"
+            f" of the noise beside the motion, at most {MOST_TAKEN:g} is allowed",
             "record for longer",
         )
     return gain
@@ -149,10 +149,10 @@ def leverage(columns: Array) -> Array:
     return of_parts.reshape(-1, 2).mean(axis=1)
 
 
-def products_of_rivals(spectra: Spectra, sign: Array) -> dict[str, Array]:
-    """What rivals of Eq. 15 add to it (k, p), by their names, with the smoothed `sign` (p,) of the
-    velocity. The first ones change K, B and I, where these are not one number. Those after other
-    moments belong to no rival: they make the model of the noise richer."""
+def products_of_models(spectra: Spectra, sign: Array) -> dict[str, Array]:
+    """What candidate models of Eq. 15 add to it (k, p), by their names, with the smoothed `sign`
+    (p,) of the velocity. The first ones change K, B and I, where these are not one number. Those
+    after other moments belong to no candidate model: they make the model of the noise richer."""
     angle, theta, omega = spectra.angle, spectra.theta, spectra.omega
     centred_time = spectra.relative_time - 0.5
     products = {

@@ -111,11 +111,11 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
     count = np.searchsorted(votes, votes + width, side="right") - np.arange(votes.size)
     best = count.max(initial=0)
     peak = votes[count == best].min(initial=np.inf)
-    rival = count[abs(votes - peak) > width].max(initial=0)
-    if best < LIMITS.fewest_alike or rival > best // 2:
+    runner_up = count[abs(votes - peak) > width].max(initial=0)
+    if best < LIMITS.fewest_alike or runner_up > best // 2:
         raise InputError(
             f"{best} runs of three sync edges agree with the other recorder's on one offset and"
-            f" {rival} on another, {LIMITS.fewest_alike} and twice as many are needed",
+            f" {runner_up} on another, {LIMITS.fewest_alike} and twice as many are needed",
             "check the sync cable and whether both files are of one trial, let the pulses vary,"
             " or record longer",
         )
@@ -238,7 +238,7 @@ def short_means(signal: Signal) -> Signal:
 
 def likely_offset(slave: Signal, master: Signal) -> float:
     """The offset [s] at which a straight line through one signal's means leaves least of the
-    other's SD, its misfit; errors as `correlate_clocks`."""
+    other's SD, its lack of fit; errors as `correlate_clocks`."""
     step = LIMITS.short_mean_s
     means = []  # of both, every `step` from the first sample on
     for time, values in (slave, master):
@@ -254,12 +254,12 @@ def likely_offset(slave: Signal, master: Signal) -> float:
     peaks = scipy.signal.find_peaks(np.pad(shared, 1), prominence=0.5 * shared.max())[0] - 1
     best, *others = peaks[np.argsort(-shared[peaks])].tolist()
     offset = master[0][0] - slave[0][0] + step * (best + 1 - means[0].size)
-    misfit = np.sqrt(1 - min(shared[best], 1.0))
+    lack_of_fit = np.sqrt(1 - min(shared[best], 1.0))
     elsewhere = np.sqrt(1 - shared[others].max(initial=0.0))
-    if misfit > LIMITS.most_alike * elsewhere:
+    if lack_of_fit > LIMITS.most_alike * elsewhere:
         raise InputError(
-            f"the shared signal fits at a lag of {offset:.2f} s, where {misfit:.2g} of its SD is"
-            f" left, hardly better than elsewhere, {elsewhere:.2g}",
+            f"the shared signal fits at a lag of {offset:.2f} s, where {lack_of_fit:.2g} of its SD"
+            f" is left, hardly better than elsewhere, {elsewhere:.2g}",
             "check that both channels show the same movement, and record longer, with one that"
             " does not repeat",
         )

@@ -244,7 +244,8 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
     """Longest run [samples] of a channel at an end of its stated range, or at its lowest or highest
     value. A channel without noise, as an angle, may rest at an extreme: it is clipped only if the
     `torque`, or of a torque the `angle`, changes meanwhile, and if it does not stand more often
-    between both extremes, as behind play. A current without noise is a command and has levels."""
+    between both extremes, as behind backlash. A current without noise is a command and has
+    levels."""
     time, values = recorded(trial, column)
     if values.size < 2 or not np.isfinite(values).all():  # the fit refuses it
         return 0
@@ -262,7 +263,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
     if standing is not None:
         levels = values[standing[2 * np.diff(standing)[:, 0] > length, 0]]
         is_at_end = np.isin(levels, (values.min(), values.max()))
-        if 2 * is_at_end.sum() < levels.size:  # play
+        if 2 * is_at_end.sum() < levels.size:  # backlash
             return at_end
     return max(at_end, length)
 
@@ -447,7 +448,7 @@ def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
             yield f"plate{number}", corners, point @ axes[:, :2]
 
 
-def measure_pressure_centres(examined: Examined) -> dict[str, float]:
+def measure_cop_outside_plates(examined: Examined) -> dict[str, float]:
     """Distance [m] of a centre of pressure outside its plate under load: the 80th percentile over
     samples. The first and last samples of a stance are inexact. While a plate is turned, its own
     inertia, which the analysis takes away, moves the point far out."""
@@ -457,7 +458,7 @@ def measure_pressure_centres(examined: Examined) -> dict[str, float]:
     }
 
 
-def measure_pressure_travel(examined: Examined) -> dict[str, float]:
+def measure_cop_travel(examined: Examined) -> dict[str, float]:
     """Distance [m] between the 5th and 95th percentiles of a centre of pressure."""
     ways = {}
     if examined.experiment.tables:  # somebody walks
@@ -476,8 +477,8 @@ MEASURES: dict[str, Callable[[Examined], CheckResult | Mapping[str, float]]] = {
     "unzeroed_plate": measure_unzeroed_plates,
     "encoder_wrap": measure_turns,
     "marker_gap": measure_marker_gaps,
-    "pressure_centre": measure_pressure_centres,
-    "pressure_travel": measure_pressure_travel,
+    "cop_outside_plate": measure_cop_outside_plates,
+    "cop_travel": measure_cop_travel,
     "clock_residual": measure_clock,
     "damage": measure_damage,
     "truncated": measure_truncation,
@@ -488,7 +489,7 @@ MEASURES: dict[str, Callable[[Examined], CheckResult | Mapping[str, float]]] = {
 """The function of every check by name: it gives a value and a remark, or a value per channel, of
 which the worst counts. A new check also needs its entry, with its unit, and its finding in
 `judge/findings.yaml`, its rule under `quality` in config/config.yaml, and a test."""
-LOWEST = ("rate", "pressure_travel")  # checks of which the lowest value is the worst
+LOWEST = ("rate", "cop_travel")  # checks of which the lowest value is the worst
 
 
 def measure_quality(

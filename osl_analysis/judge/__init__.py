@@ -3,8 +3,9 @@
 
 The way of one estimate, the damping of a trial whose torque is late, to the page:
 
-1. `bench` puts its budget together (`bench/budgets.py`): a rival, `delay`, has the probability 0.9
-   and would change B by 0.3 N*m*s/rad, a row with the part `fault` and the source `torque_path`.
+1. `bench` puts its budget together (`bench/budgets.py`): a candidate model, `delay`, has the
+   probability 0.9 and would change B by 0.3 N*m*s/rad, a row with the part
+   `fault` and the source `torque_path`.
 2. `stats.budget.Budget.verdict` compares it with what B needs (`doubtful.accuracy.B`, here 0.14)
    and with its half-width and range: B is doubtful by its source `torque_path`.
 3. `judging.judged` makes of the verdicts of a row `Finding("torque_path", ..., Grade.DOUBTS)`, with

@@ -59,7 +59,7 @@ class StampEvidence(NamedTuple):
     # even ones
     g: float
     se: float  # standard error of g
-    misfit: Array  # (22,), chi-square of the `HYPOTHESES`
+    lack_of_fit: Array  # (22,), chi-square of the `HYPOTHESES`
 
 
 def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
@@ -140,8 +140,8 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
         return None
     weight = np.linalg.inv(covariance + NOT_LINEAR**2 * np.eye(len(LAGS)))
     deviation = response - HYPOTHESES
-    misfit = np.einsum("hi,ij,hj->h", deviation, weight, deviation)
-    return StampEvidence(response.sum(), np.sqrt(covariance.sum()), misfit)
+    lack_of_fit = np.einsum("hi,ij,hj->h", deviation, weight, deviation)
+    return StampEvidence(response.sum(), np.sqrt(covariance.sum()), lack_of_fit)
 
 
 def blocks_of(values: Array, begins: NDArray[np.intp]) -> Array:
@@ -216,22 +216,22 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
         f"{name} g = {round(signal.g, 3) + 0.0:.3f} +- {signal.se:.3f}"
         for name, signal in evidence.items()
     ]
-    misfit = np.zeros(len(HYPOTHESES))
+    lack_of_fit = np.zeros(len(HYPOTHESES))
     for signal in evidence.values():
-        misfit += signal.misfit
-    misfit_of_even = misfit[0]
-    misfit_of_true = misfit[1:].min()
+        lack_of_fit += signal.lack_of_fit
+    lack_of_fit_of_even = lack_of_fit[0]
+    lack_of_fit_of_true = lack_of_fit[1:].min()
     wanders = f"the residual wanders by {np.std(clock.creep) / clock.step:.3f} steps"
-    if min(misfit_of_even, misfit_of_true) > DECISIVE * len(evidence):
+    if min(lack_of_fit_of_even, lack_of_fit_of_true) > DECISIVE * len(evidence):
         reading = Reading(False, 0.0, False, "undecided, true: no samples of any age fit")
-    elif misfit_of_even >= misfit_of_true + DECISIVE:
-        has_age = misfit[1] >= misfit_of_true + WORTH_AN_AGE
-        age = round(AGES[np.argmin(misfit[1:])], 3) if has_age else 0.0
+    elif lack_of_fit_of_even >= lack_of_fit_of_true + DECISIVE:
+        has_age = lack_of_fit[1] >= lack_of_fit_of_true + WORTH_AN_AGE
+        age = round(AGES[np.argmin(lack_of_fit[1:])], 3) if has_age else 0.0
         older = f", values {age:.1f} loops older than their stamps" if age else ""
         return Reading(False, age, True, f"true{older}: {', '.join(responses)}")
     elif not clock.settles:
         reading = Reading(False, 0.0, False, f"undecided, true: {wanders}")
-    elif misfit_of_true >= misfit_of_even + DECISIVE:
+    elif lack_of_fit_of_true >= lack_of_fit_of_even + DECISIVE:
         return Reading(True, 0.0, True, f"even: {', '.join(responses)}")
     else:
         reading = Reading(True, 0.0, False, f"undecided, even: {wanders}")

@@ -228,9 +228,9 @@ def write_c3d(
     ----------
     path : Path
     points : Array
-        Markers (frames, labels, 3) [m], NaN where hidden. A hidden marker is stored as Nexus does
-        it: coordinates 0 and residual -1. That of a seen one is 0, because readers disagree about
-        the byte of a positive residual.
+        Markers (frames, labels, 3) [m], NaN where occluded. An occluded marker is stored as Nexus
+        does it: coordinates 0 and residual -1. That of a seen one is 0, because readers disagree
+        about the byte of a positive residual.
     analogs : Array
         (samples, channels).
     groups : Mapping
@@ -272,7 +272,7 @@ def on_body(body: Pose, places: Mapping[str, Point]) -> dict[str, Array]:
 
 
 def seen_markers(trial: GaitTrial, exact: Array) -> Array:
-    """Marker positions (frames, labels, 3) [m] with noise, NaN where hidden."""
+    """Marker positions (frames, labels, 3) [m] with noise, NaN where occluded."""
     effects = trial.walking.effects
     noise = trial.random("marker_noise").standard_normal(exact.shape)
     seen = exact + 1e-3 * effects.marker_noise.value * noise

@@ -81,7 +81,7 @@ class WalkingEffects(Switches):
     # of the plate above its sensors; off: the reading is the ground reaction
     plate_inertia: InKilograms
     marker_noise: InMillimetres  # white, each axis
-    marker_gaps: Effect[Literal["1/trial"]]  # mean number of gaps in which a marker is hidden
+    marker_gaps: Effect[Literal["1/trial"]]  # mean number of gaps in which a marker is occluded
     force_noise: InNewtons  # white, each axis
     moment_noise: InNewtonMetres
     force_offset: InNewtons  # constant over a trial

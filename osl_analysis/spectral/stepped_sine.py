@@ -45,10 +45,10 @@ SINE_ROUNDS = 6  # of Gauss-Newton at most
 # cycles over the run by which a round changes the sine, after which it is found: the next round
 # changes it by a thousandth of that
 SETTLED = 1e-5
-LARGEST_MISFIT = 0.3  # of the sine's RMS
+LARGEST_LACK_OF_FIT = 0.3  # of the sine's RMS
 PURE_SINE = 0.08
-"""Misfit of a pure sine, of its RMS; a triangle's is 0.12. An angle that deviates by so much of the
-amplitude, and twice the misfit, has left its sine."""
+"""Lack of fit of a pure sine, of its RMS; a triangle's is 0.12. An angle that deviates by so much
+of the amplitude, and twice the lack of fit, has left its sine."""
 STEADY = 0.01  # relative difference of a frequency between the halves of a run; a sweep's is more
 LEAST_SINES = 0.5  # of the moving time: most; whole stepped sines have 0.98, clipped ones 0.7
 
@@ -96,7 +96,7 @@ class Run:
     cycles: float  # not rounded: the ends of a run are known to a few hundredths
     # RMS of what the sine leaves, over its own, but of the first and the last cycle, in which a
     # bench starts and stops: harmonics, decay, rounding
-    misfit: float
+    lack_of_fit: float
     is_steady: bool  # whether both halves have one frequency; those of a sweep do not
 
     def __str__(self) -> str:
@@ -153,7 +153,7 @@ def find_sines(
             continue
         found.append(run)
         earliest = run.stop
-        if run.is_steady and (run.misfit < PURE_SINE or protocol.command_of(run)):
+        if run.is_steady and (run.lack_of_fit < PURE_SINE or protocol.command_of(run)):
             of_sines += moving[run.start : run.stop].sum()
     return found, bool(of_sines >= LEAST_SINES * moving.sum())
 
@@ -227,7 +227,8 @@ def fit_run(
     theta: Array, rate_hz: float, crossings: Array, earliest: int, latest: int
 ) -> Run | None:
     """Fit a sine to the angle (n,) between the first and the last crossing [rows], and prolong it
-    as far as the angle follows it, between two rows. None if its misfit exceeds 0.3 of its RMS."""
+    as far as the angle follows it, between two rows. None if its lack of fit exceeds 0.3 of its
+    RMS."""
     first, last = np.ceil(crossings[[0, -1]]).astype(np.intp)
     periods = np.diff(crossings)
     early, late = np.array_split(periods, 2)
@@ -250,12 +251,12 @@ def fit_run(
     tested = np.append(rows, outside)
     amplitude, phase = abs(sine), cmath.phase(sine)
     deviation = theta[tested] - centre - amplitude * np.cos(2 * np.pi * frequency * tested + phase)
-    misfit = np.std(deviation[: len(rows)]) / amplitude * np.sqrt(2)
-    if misfit > LARGEST_MISFIT:
+    lack_of_fit = np.std(deviation[: len(rows)]) / amplitude * np.sqrt(2)
+    if lack_of_fit > LARGEST_LACK_OF_FIT:
         return None
     settled = crossings[1:-1] if len(crossings) > 3 else crossings
     is_settled = (rows >= settled[0]) & (rows < settled[-1])
-    has_left = np.abs(deviation[len(rows) :]) > (PURE_SINE + np.sqrt(2) * misfit) * amplitude
+    has_left = np.abs(deviation[len(rows) :]) > (PURE_SINE + np.sqrt(2) * lack_of_fit) * amplitude
     left = outside[has_left]
     start = int(left[left < first].max(initial=earliest - 1)) + 1
     stop = int(left[left >= last - 1].min(initial=latest + 1)) - 1
@@ -266,7 +267,7 @@ def fit_run(
         start=start,
         stop=stop,
         cycles=frequency * (stop - start),
-        misfit=np.std(deviation[: len(rows)][is_settled]) / amplitude * np.sqrt(2),
+        lack_of_fit=np.std(deviation[: len(rows)][is_settled]) / amplitude * np.sqrt(2),
         is_steady=abs(early.mean() / late.mean() - 1) < STEADY,
     )
 

@@ -194,7 +194,7 @@ class Budget:
         by more than its half-range, too: of another motion the estimate would be another anyway.
         Where such a fault is likely, it does not hide behind the range, which is then its own: a
         delay makes B fall with the frequency. Or a fault is likely, and the scatter alone exceeds
-        what is needed: the misfit in it is then the fault's.
+        what is needed: the lack of fit in it is then the fault's.
         """
         half = self.half_width()
         limit = max(needed, half)
@@ -226,7 +226,7 @@ def probability(faults: Sequence[Contribution]) -> float:
 
 def budget_rows(place: Mapping[str, Any], estimates: Mapping[str, Budget]) -> list[dict[str, Any]]:
     """The rows of `budget.csv` of some estimates; `place` has the trial and the amplitude. A bound
-    of 0 says that rivals were weighed."""
+    of 0 says that candidate models were weighed."""
     of_place = {name: place.get(name) for name in ("trial", "amplitude_deg")}
     return [
         {**of_place, "estimate": name, **vars(each)}

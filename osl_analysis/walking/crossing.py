@@ -261,16 +261,16 @@ def check_window(
     onset: float,
     settings: CrossingSettings,
 ) -> None:
-    """Refuse a perturbation on a plate without moments, or with hidden markers in its window."""
+    """Refuse a perturbation on a plate without moments, or with occluded markers in its window."""
     check_type_on_platform(trial, settings.plate)
     window = (time >= onset) & (time <= onset + settings.window_s)
     for segment in ("foot", "platform"):  # the shank carries the body and moves as in any stance
         pose = recorded[segment]
         gap = longest_run(pose.bridged & window)
         if rigid.gap_duration(time, gap) > settings.longest_fitted_gap_s:
-            hidden_s = (gap.stop - gap.start) * (time[1] - time[0])
+            occluded_s = (gap.stop - gap.start) * (time[1] - time[0])
             raise InputError(
-                f"the {segment} markers are hidden for {1e3 * hidden_s:.0f} ms from"
+                f"the {segment} markers are occluded for {1e3 * occluded_s:.0f} ms from"
                 f" {time[gap.start]:.3f} s, while the perturbation is fitted, expected"
                 f" {1e3 * settings.longest_fitted_gap_s:g} ms or less",
                 "exclude the trial, or record it again with them in sight: a filled response is"
@@ -342,7 +342,7 @@ class Crossing:
     load: StoredArray
     stance: Stance
     onset: float | None  # of the perturbation [s]; None without one
-    bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
+    bridged: float  # fraction of the frames in stance in which an occluded cluster was interpolated
     # Changes (m + 4, n) [N*m] of the torque without the i-th of m plate trials, m = 0 with one, and
     # by `PER_UNIT`
     changes: StoredArray

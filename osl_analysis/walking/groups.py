@@ -425,7 +425,7 @@ def exclusion_reason(
 
 def crossing_row(crossing: Crossing, reason: str | None) -> dict[str, object]:
     """What one row of `walking_crossings.csv` says of a crossing's quality."""
-    shown = ("pressure_outside_m", "different", "different_mm", *MEASURED_IN_CROSSINGS)
+    shown = ("cop_outside_m", "different", "different_mm", *MEASURED_IN_CROSSINGS)
     return {
         "status": "used" if reason is None else "outlier",
         "reason": reason,

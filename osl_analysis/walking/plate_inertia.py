@@ -43,7 +43,7 @@ unless said; errors are those of the ankle's torque in the window.
 differs); a template of the turn shared by all crossings (0.2, and 0.7 where a trial shivers on
 its own); half of the trials as instruments (unbiased, 1.7 to 1.9); a centre of mass of its own
 in the moments, with two limits on when it is seen (the lever h needs none); straight lines across
-hidden markers (K moved by 0.03 %).
+occluded markers (K moved by 0.03 %).
 
 **Open.** A plate without mass has no directions; `plate_inertia: none` is then stated, and
 refused where the force follows the acceleration with more than 1 kg (`plate_lag.check_no_mass`).
@@ -574,8 +574,8 @@ def resting_noise(motion: UnloadedMotion, model: PlateModel) -> Array:
     spread = SPREAD_S * sampling_rate(motion.time)
     of_rests = [noise[:0]]
     for rest in motion.rests:
-        hidden = spread / (rest.stop - rest.start)
-        of_rests.append((1 + hidden) * without_mean(noise[rest]))
+        occluded = spread / (rest.stop - rest.start)
+        of_rests.append((1 + occluded) * without_mean(noise[rest]))
     return np.concatenate(of_rests) * WEIGHT
 
 

@@ -251,8 +251,8 @@ BEFORE_RAMP = SINCE_MIDDLE < -0.1
 
 # Of the mean ramp and its start.
 MEAN_ROUNDS = 6  # of mean and alignment in turn; four reduce an error of 5 ms to 1e-5 s
-LARGEST_RAMP_MISFIT = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
-LEAST_MISFIT = 0.002  # of a height, that lines between frames leave of an exact ramp
+LARGEST_LACK_OF_FIT_OF_RAMP = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
+LEAST_LACK_OF_FIT = 0.002  # of a height, that lines between frames leave of an exact ramp
 LEAST_RAMP_NOISE = 1e-6  # of a mean ramp, as a share of its height
 USUAL_STEP = 3  # minimum jerk
 FAR_MORE_LIKELY = 30.0  # decrease of chi-square for which another step replaces the usual one
@@ -335,12 +335,12 @@ def align(ramps: list[Ramp]) -> tuple[Array, float, Mask]:
         heights = estimates[0]
         middles = middles - estimates[1] / heights
 
-        noise = np.maximum(angles[:, BEFORE_RAMP].std(axis=1), LEAST_MISFIT * heights)
-        misfit = np.sqrt(np.mean((angles - (X @ estimates).T) ** 2, axis=1)) / noise
+        noise = np.maximum(angles[:, BEFORE_RAMP].std(axis=1), LEAST_LACK_OF_FIT * heights)
+        lack_of_fit = np.sqrt(np.mean((angles - (X @ estimates).T) ** 2, axis=1)) / noise
         # The better half is always in the mean
-        follows = misfit <= max(LARGEST_RAMP_MISFIT, np.median(misfit))
+        follows = lack_of_fit <= max(LARGEST_LACK_OF_FIT_OF_RAMP, np.median(lack_of_fit))
     start, se = start_of_rise(SINCE_MIDDLE, mean)
-    return middles + start, se, misfit <= LARGEST_RAMP_MISFIT
+    return middles + start, se, lack_of_fit <= LARGEST_LACK_OF_FIT_OF_RAMP
 
 
 def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:

@@ -156,7 +156,7 @@ def mean_positions(trial: Trial, names: Sequence[str]) -> dict[str, Array]:
 
 
 def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
-    """Time (n,) [s] of the marker frames, and positions (n, m, 3) [m], NaN where hidden."""
+    """Time (n,) [s] of the marker frames, and positions (n, m, 3) [m], NaN where occluded."""
     for name in names:
         if marker_columns(name)[0] in trial.columns:
             continue
@@ -200,7 +200,7 @@ def segment_poses(
 
 def without_held(tracks: Array) -> Array:
     """Tracks (n, m, 3) of a cluster, NaN where a marker repeats its place while another one moves:
-    some programs repeat the last place until a hidden marker returns."""
+    some programs repeat the last place until an occluded marker returns."""
     seen = tracks.copy()
     steps = np.abs(np.diff(tracks, axis=0)).sum(axis=2)
     cluster_moves = (steps > 0).any(axis=1)
@@ -219,7 +219,7 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
     reference : Array
         Positions (m, 3) [m] in the static trial.
     observed : Array
-        Positions (n, m, 3) [m], NaN where hidden.
+        Positions (n, m, 3) [m], NaN where occluded.
     largest_residual : float
         RMS distance [m] above which a frame has no pose, as with swapped markers.
 
@@ -255,10 +255,10 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
         U[:, :, 2] *= (np.linalg.det(U) * np.linalg.det(Vt))[:, None]  # no reflection
         R = np.swapaxes(U @ Vt, 1, 2)
 
-        misfit = local @ (U @ Vt) - centred
+        lack_of_fit = local @ (U @ Vt) - centred
         rotation[rows] = R
         position[rows] = centroid + R @ (origin - reference_centroid)
-        residual[rows] = np.sqrt(np.mean(np.sum(misfit**2, axis=2), axis=1))
+        residual[rows] = np.sqrt(np.mean(np.sum(lack_of_fit**2, axis=2), axis=1))
 
     wrong = residual > largest_residual
     rotation[wrong] = np.nan
@@ -277,7 +277,7 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, fl
     reference : Array
         Positions (m, 3) [m] in the static trial.
     tracks : Array
-        Positions (n, m, 3) [m], NaN where hidden.
+        Positions (n, m, 3) [m], NaN where occluded.
     poses : Poses
         In the same n frames.
     """
@@ -314,10 +314,10 @@ def bridge_gaps(time: Array, reference: Array, poses: Poses, longest: float) -> 
     """
     seen = np.flatnonzero(poses.seen())
     step = 1 / sampling_rate(time)
-    hidden_s = (np.diff(seen) - 1) * step
+    occluded_s = (np.diff(seen) - 1) * step
     paths = poses.points(reference).reshape(len(time), -1)
     bridged = poses.bridged.copy()
-    for k in np.flatnonzero((hidden_s > 0) & (hidden_s < longest + step / 2)):
+    for k in np.flatnonzero((occluded_s > 0) & (occluded_s < longest + step / 2)):
         gap = slice(seen[k] + 1, seen[k + 1])
         sides = seen[max(k + 1 - SIDE_FRAMES, 0) : k + 1 + SIDE_FRAMES]
         middle = time[sides].mean()
@@ -334,7 +334,7 @@ def bridge_gaps(time: Array, reference: Array, poses: Poses, longest: float) -> 
 
 
 def gap_duration(time: Array, gap: slice) -> float:
-    """Duration [s] of hidden frames, for comparison with the longest gap that is allowed."""
+    """Duration [s] of occluded frames, for comparison with the longest gap that is allowed."""
     # half a frame less, so that a gap of exactly the limit is not refused by rounding
     return float((gap.stop - gap.start - 0.5) * (time[1] - time[0]))
 

@@ -101,7 +101,7 @@ class CrossingQuality:
     """Measures of one crossing; None where unknown. The dictionary says what each is."""
 
     foot_outside_m: float = 0.0
-    pressure_outside_m: float | None = None
+    cop_outside_m: float | None = None
     different: str | None = None
     different_mm: float | None = None
     marker_noise_ratio: float | None = None
@@ -128,7 +128,7 @@ def crossing_quality(
     different = max(unlike_static, key=lambda what: unlike_static[what])
     return CrossingQuality(
         foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
-        pressure_outside_m=pressure_outside(pressure, markers),
+        cop_outside_m=cop_outside(pressure, markers),
         different=different,
         different_mm=1e3 * unlike_static[different],
         marker_noise_ratio=marker_noise_ratio(trial, settings.markers.platform),
@@ -196,12 +196,12 @@ def check_place(corners: Array, plate: int, in_static: Mapping[int, Array]) -> N
 def check_followed(
     segment: str, frames: Array, pose: Poses, stance: Stance, largest_residual_mm: float
 ) -> None:
-    """Refuse a cluster that is hidden in stance, or was put on again since the static trial."""
-    hidden = np.flatnonzero(stance.contains(frames) & ~pose.seen())
-    if len(hidden):
+    """Refuse a cluster that is occluded in stance, or was put on again since the static trial."""
+    occluded = np.flatnonzero(stance.contains(frames) & ~pose.seen())
+    if len(occluded):
         raise InputError(
-            f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"
-            f" {len(hidden)} frames of stance: fewer than three are seen, or they stand more than"
+            f"the {segment} markers cannot be followed at {frames[occluded[0]]:.3f} s, in"
+            f" {len(occluded)} frames of stance: fewer than three are seen, or they stand more than"
             f" {largest_residual_mm:g} mm (RMS) otherwise than in the static trial",
             "correct exchanged labels in Nexus, record a static trial after they were put on"
             " again and name it in the column static, or exclude the trial",
@@ -297,7 +297,7 @@ def body_mass(trial: Trial, sheet: float | None) -> float | None:
     return sheet or trial.provenance.get("mocap", {}).get("body_mass_kg") or None
 
 
-def pressure_outside(pressure: Array, markers: Array) -> float:
+def cop_outside(pressure: Array, markers: Array) -> float:
     """Mean distance [m] of the centre of pressure (n, 3) [m] beyond the edges of the area between
     foot markers.
 

@@ -312,7 +312,7 @@ def conditions_of(
     stances = pl.Series(gait.stance if gait is not None else [], dtype=pl.Float64)
     stance = stances.mean()
     different, different_mm = set_up_difference(of_group)
-    measured = ("pressure_outside_m", *MEASURED_IN_CROSSINGS)
+    measured = ("cop_outside_m", *MEASURED_IN_CROSSINGS)
     return {
         "group": group,
         "n": len(used),

@@ -81,11 +81,11 @@ class OutlierRule(Settings):
 
 
 class MarkerSettings(Settings):
-    """Which markers form the rigid clusters, and when a cluster counts as hidden."""
+    """Which markers form the rigid clusters, and when a cluster counts as occluded."""
 
     markers: Markers  # Names of the markers
-    longest_gap_s: NotNegative  # Longest gap [s] of hidden markers that is interpolated
-    # Largest RMS distance [mm] of markers from their rigid body; else they are hidden
+    longest_gap_s: NotNegative  # Longest gap [s] of occluded markers that is interpolated
+    # Largest RMS distance [mm] of markers from their rigid body; else they are occluded
     largest_residual_mm: ClassVar[float] = 5.0
 
 

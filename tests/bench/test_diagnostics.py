@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What makes a bench fit doubtful, by its right name: a late torque, friction, a spring that
-stiffens, play."""
+stiffens, backlash."""
 
 import json
 import re

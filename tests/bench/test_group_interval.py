@@ -21,11 +21,11 @@ def line_sums(x, torque, groups):
     return gram_sums(record, {"theta": x, "one": np.ones(len(x))})
 
 
-def made_sums(rng, groups, misfit_g):
+def made_sums(rng, groups, lack_of_fit_g):
     """Of a torque that leaves a line by another slope in each group, and of noise."""
     rows = int(groups.stop[-1])
     x = rng.standard_normal(rows)
-    slope = np.repeat(3 + misfit_g, rows // len(groups.first))
+    slope = np.repeat(3 + lack_of_fit_g, rows // len(groups.first))
     torque = 20 + slope * x + rng.standard_normal(rows)
     return x, torque, line_sums(x, torque, groups)
 
@@ -58,7 +58,7 @@ def test_what_does_not_repeat_itself_is_left_out_one_at_a_time():
 
 @pytest.mark.parametrize("single", [False, True])
 def test_what_repeats_itself_has_the_spread_of_its_noise_alone(single):
-    """What differs between strata alone is misfit. A group alone scatters as the others do."""
+    """What differs between strata alone is lack of fit. A group alone scatters as the others do."""
     strata = [5, 5, 5, 1] if single else [5, 5, 5, 5]
     stratum = np.repeat(np.arange(4), strata)
     first = 10.0 * np.arange(len(stratum))
@@ -66,11 +66,11 @@ def test_what_repeats_itself_has_the_spread_of_its_noise_alone(single):
     found = []
     standard_errors = []
     for seed in range(300):
-        misfit = np.array([-5.0, 2.0, 0.0, 3.0])[stratum]
+        lack_of_fit = np.array([-5.0, 2.0, 0.0, 3.0])[stratum]
         rng = np.random.default_rng(7)  # the same motion
         x = np.tile(rng.standard_normal(10), len(stratum))
         noise = np.random.default_rng(seed).standard_normal(len(x))
-        fit = fit_groups(line_sums(x, (3 + np.repeat(misfit, 10)) * x + noise, groups), LINE)
+        fit = fit_groups(line_sums(x, (3 + np.repeat(lack_of_fit, 10)) * x + noise, groups), LINE)
         found.append(fit["K"])
         standard_errors.append(fit.se("K"))
 

@@ -103,7 +103,7 @@ def test_friction_that_the_column_alone_sees_is_untold():
 FAULTS = {
     "torque path": {"late": 3e-3},
     "change over time": {"more": lambda t, x, *_: -45 * (t > 0.6 * t[-1]) * x},
-    "play, speed or direction": {"more": lambda t, x, v, a: 2 * np.abs(v)},
+    "backlash, speed or direction": {"more": lambda t, x, v, a: 2 * np.abs(v)},
     "spring that is not linear": {"more": lambda t, x, *_: 20000 * x**3},
 }
 
@@ -128,9 +128,9 @@ def test_play_of_a_mount_is_told_from_a_hardening_spring(gap):
     """Within the gap [rad] the spring gives no torque, as a cubic one hardly does."""
     tables = tables_of(record_with(more=lambda t, x, *_: -300 * np.clip(x, -gap / 2, gap / 2)))
 
-    assert causes_of(tables) == ["play, speed or direction"]
+    assert causes_of(tables) == ["backlash, speed or direction"]
     assert causes_of(tables, Grade.NOTES) == []
-    of_play = contributions(tables, "K", detail="play in the mount")
+    of_play = contributions(tables, "K", detail="backlash in the mount")
     assert of_play["probability"].sum() > 0.9
 
 
@@ -154,7 +154,7 @@ def test_damping_that_depends_on_the_speed_is_a_property_of_the_joint():
     tables = tables_of(record_with(more=lambda t, x, v, a: 3 * v * np.abs(v)))
 
     assert causes_of(tables) == []
-    assert "play, speed or direction" in causes_of(tables, Grade.NOTES)
+    assert "backlash, speed or direction" in causes_of(tables, Grade.NOTES)
 
 
 def test_a_late_torque_tells_by_how_much_it_moves_the_damping():
@@ -171,7 +171,7 @@ def test_of_a_late_torque_the_friction_is_late_too():
     assert set(paths.filter(pl.col("probability") > 0.05)["detail"]) == {"delay"}
 
 
-def test_a_known_spring_takes_the_rivals_of_the_path_out():
+def test_a_known_spring_takes_the_models_of_the_path_out():
     record = record_with(late=3e-3)
     known = Calibration(torque_gain=1e-3, delay=1e-4)
     calibrated = replace(record, settings=record.settings.model_copy(update={"calibration": known}))

@@ -93,7 +93,7 @@ def test_a_fault_is_named_by_its_family_and_a_sound_joint_has_none(change, famil
 
 
 @pytest.mark.parametrize(("size", "families"), [(0.0, []), (0.15, ["direction"])])
-def test_rivals_are_tried_only_where_all_together_gain_something(size, families):
+def test_models_are_tried_only_where_all_together_gain_something(size, families):
     found = changed(partial(stiffer_forwards, size=size))
 
     assert [fault.family for fault in found.alternatives[:1]] == families
@@ -110,7 +110,7 @@ def test_friction_opposes_the_motion(size, least, most):
     assert least <= found.friction_probability <= most
 
 
-def test_what_no_rival_explains_is_bounded_by_what_it_could_move():
+def test_what_no_model_explains_is_bounded_by_what_it_could_move():
     assert changed(standing).unexplained[0] > 0.02 * K
     assert max(changed(with_slow_noise).unexplained) == 0.0
 

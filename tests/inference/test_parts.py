@@ -10,7 +10,13 @@ import statsmodels.api as sm
 from conftest import refused_with, white_noise
 
 from osl_analysis.inference import BenchSignals
-from osl_analysis.inference.rivals import EQ_15, Candidate, Search, behind_spring, low_passed
+from osl_analysis.inference.candidate_models import (
+    EQ_15,
+    ModelAtValue,
+    Search,
+    behind_spring,
+    low_passed,
+)
 from osl_analysis.inference.spectra import Spectra, noise_and_band, slipping_springs
 from osl_analysis.inference.weighing import BlockFit, Predicted, largest_shifts, predict, weigh
 from osl_analysis.inference.whitening import Whitened
@@ -39,7 +45,7 @@ def whitened(torque_noise: np.ndarray) -> Whitened:
 
 def predicted(data: Whitened, rounding: np.ndarray) -> Predicted:
     """Eq. 15 alone."""
-    return predict(Search(data, False), Candidate(EQ_15, data.motion, data.torque), rounding)
+    return predict(Search(data, False), ModelAtValue(EQ_15, data.motion, data.torque), rounding)
 
 
 def white(size: float = 0.1) -> np.ndarray:
@@ -78,7 +84,7 @@ def test_noise_beside_the_motion_is_taken_for_as_large_as_far_from_it():
     assert 0.9 < np.mean(ratios) < 1.2
 
 
-def test_a_recording_that_the_columns_of_rivals_fill_is_not_weighed():
+def test_a_recording_that_the_columns_of_models_fill_is_not_weighed():
     with refused_with("too short.*record for longer"):
         whitened(0.1 * white_noise(round(8 * RATE), 1))
 
@@ -99,7 +105,7 @@ def test_the_odds_of_friction_are_the_ratio_of_both_likelihoods():
     """Of noise of variance 1, exp(-squares/2); whether there is friction is not known before."""
     fits = [
         SimpleNamespace(
-            rival=EQ_15,
+            model=EQ_15,
             has_friction=has_friction,
             squares=np.full(24, squares / 24),
             rounding_left=0.0,

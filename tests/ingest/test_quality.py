@@ -501,8 +501,8 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
     without = channels * [1, 1, 1, 0, 0, 0]
     outside = plate_trial(tmp_path, without + 840 * np.eye(6)[4])
     dead = plate_trial(tmp_path, without)
-    far = checked(outside)["pressure_centre"]
-    still = checked(dead)["pressure_travel"]
+    far = checked(outside)["cop_outside_plate"]
+    still = checked(dead)["cop_travel"]
 
     assert far.value > 840 / 770 - 0.3  # at the largest force
     assert far.remark == "plate1"
@@ -512,7 +512,7 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path):
     trial = plate_trial(tmp_path, 0.05 * force_and_moment())
     for experiment in ("walking", "plate"):
-        assert re.fullmatch(NOT_JUDGED, checked(trial, experiment)["pressure_centre"].remark)
+        assert re.fullmatch(NOT_JUDGED, checked(trial, experiment)["cop_outside_plate"].remark)
 
 
 def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():

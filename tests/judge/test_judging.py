@@ -63,7 +63,7 @@ def test_an_accuracy_of_the_user_is_what_an_estimate_needs():
     assert of_knee(rows, Limits(accuracy=Accuracy(K=0.03))) == []
 
 
-def test_a_doubt_names_its_rivals_sizes_and_what_they_leave():
+def test_a_doubt_names_its_models_sizes_and_what_they_leave():
     left = fault(4.0, "unexplained_torque", "", basis="bound")
     rows = {"K": [fault(10.0, probability=0.6), fault(9.0, detail="low-pass", probability=0.3)]}
 
@@ -98,7 +98,7 @@ def test_a_check_that_fails_takes_what_the_motion_leaves_open_for_its_fault(half
 
 
 @pytest.mark.parametrize("are_weighed", [True, False])
-def test_a_clipped_torque_decides_alone_where_no_rivals_were_weighed(are_weighed):
+def test_a_clipped_torque_decides_alone_where_no_models_were_weighed(are_weighed):
     left = [fault(0.0, "unexplained_torque", "", basis="bound")] if are_weighed else []
 
     found = of_knee({"K": [scatter(0.1, 9), *left]}, saturated_samples=9)

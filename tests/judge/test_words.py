@@ -64,7 +64,7 @@ def test_every_column_that_a_limit_decides_has_one():
 
 @pytest.mark.parametrize(("row", "limits", "numbers"), [
      ({"preload": 3.0}, {"preload": 2.0}, "preload 3.* 2"),
-     ({"bridged": 0.2}, {"bridged": 0.1}, "hidden in 20 % of the frames"),
+     ({"bridged": 0.2}, {"bridged": 0.1}, "occluded in 20 % of the frames"),
 ])  # fmt: skip
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, numbers):
     judged_row = row | {"J_j_ratio": 1.0}

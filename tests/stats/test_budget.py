@@ -47,10 +47,10 @@ def test_neither_a_fault_nor_another_motion_is_in_an_interval():
     # of likely faults the range is their own, if they change more than is needed
     ([fault(3.7, 0.3), fault(3.6, 0.3), RANGE], 3.0, "torque_path"),
     ([fault(3.7, 0.3), fault(2.9, 0.3), RANGE], 3.0, "clear"),
-    # a change that is improbable is no doubt; those of several rivals add up
+    # a change that is improbable is no doubt; those of several candidate models add up
     ([fault(9.0, 0.15)], 4.0, "clear"),
     ([fault(9.0, 0.15), fault(8.0, 0.1)], 4.0, "torque_path"),
-    # a likely fault makes a misfit that is more than is needed
+    # a likely fault makes a lack of fit that is more than is needed
     ([fault(0.1, 0.6)], 2.0, "torque_path"),
     ([fault(0.1, 0.4)], 2.0, "wide"),
     # which the bench's share of a half-width is not

@@ -30,7 +30,7 @@ from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
 from osl_analysis.walking.plate_lag import PlateTiming
-from osl_analysis.walking.set_up import CrossingQuality, pressure_outside
+from osl_analysis.walking.set_up import CrossingQuality, cop_outside
 from osl_analysis.walking.tables import fitted_time, group_headline, set_up_difference
 
 MIDSTANCE = Walk(0.4)
@@ -297,7 +297,7 @@ def test_the_pressure_is_outside_as_far_as_it_is_from_the_foot(beside_m, outside
     corners = FACE / [3, 2, 1]
     pressure = np.tile([0.02, beside_m, 0.0], (5, 1))
 
-    assert pressure_outside(pressure, np.tile(corners, (5, 1, 1))) == pytest.approx(outside_m)
+    assert cop_outside(pressure, np.tile(corners, (5, 1, 1))) == pytest.approx(outside_m)
 
 
 @pytest.mark.parametrize(

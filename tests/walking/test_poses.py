@@ -81,7 +81,7 @@ def test_a_marker_that_repeats_its_place_is_hidden_and_a_cluster_at_rest_is_seen
     assert not np.delete(hidden, 2, axis=1).any()
 
 
-def test_a_mirrored_cluster_is_a_misfit_and_no_reflection() -> None:
+def test_a_mirrored_cluster_is_lack_of_fit_and_no_reflection() -> None:
     poses = cluster_poses(FOOT, (FOOT * [1, -1, 1])[None])
 
     assert np.linalg.det(poses.rotation[0]) == pytest.approx(1)
@@ -98,7 +98,7 @@ def test_a_cluster_on_a_line_has_no_pose() -> None:
 def test_a_moved_marker_is_that_without_which_the_others_agree(
     hidden: int | None, distance: float
 ) -> None:
-    """Of three that are left, the misfit is shared: the largest part is told."""
+    """Of three that are left, the lack of fit is shared: the largest part is told."""
     foot = moving_foot()
     moved = foot.tracks + 0.02 * foot.rotation[:, :, 0][:, None] * (np.arange(4) == 0)[:, None]
     if hidden is not None:

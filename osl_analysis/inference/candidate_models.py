@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rivals of Eq. 15 that may explain a torque, as one table, and how each is fitted.
+"""The candidate models of Eq. 15 that may explain a torque, as one table, and how each is fitted.
 
 | family | what is not as Eq. 15 has it |
 |---|---|
 | (none) | nothing: a second-order joint |
 | path | the torque is delayed or filtered on its way to the record |
 | time | stiffness, damping or inertia changes during the recording |
-| speed | damping depends on speed, or there is play |
+| speed | damping depends on speed, or there is backlash |
 | size | stiffness depends on the angle, or on the frequency |
 | direction | stiffness or damping depends on the direction of motion |
 | clipping | the largest torques are cut |
 
-The first three columns of a rival multiply K, B and I:
+The first three columns of a candidate model multiply K, B and I:
 
     torque = K x_1 + B x_2 + I x_3 + further columns + offset and drift
              (+ dry friction) + noise
@@ -43,8 +43,8 @@ LAG_S = (3e-4, 0.05)
 COMPLIANCE = (1e-5, 4e-3)
 # Relaxation of a viscoelastic branch [s]; faster than the band it is a damper, slower a spring
 BRANCH_S = (5e-3, 0.5)
-# Play [rad]; 0.03 to 1.1 deg
-PLAY = (5e-4, 2e-2)
+# Backlash [rad]; 0.03 to 1.1 deg
+BACKLASH = (5e-4, 2e-2)
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
 # log-likelihood that a grid must gain: below it a weight stays near its small prior, unless B or I
@@ -58,14 +58,14 @@ CUT_ROUNDS = 16  # in which the ends and what is beyond them are found in turn
 # slope of a recorded torque over the modelled one beyond its end: halfway between a torque that is
 # cut, and one that goes on
 MOST_FOLLOWING = 0.5
-GRID = 9  # values of a rival's own parameter, over the range of a hundred
+GRID = 9  # values of a candidate model's own parameter, over the range of a hundred
 
 
 class Search:
     """Fits of columns to the torque of a joint with or without friction, beside offset and drift.
 
-    These are projected out (Frisch-Waugh-Lovell), so that a search over a rival's own parameter
-    solves for three columns.
+    These are projected out (Frisch-Waugh-Lovell), so that a search over a candidate model's own
+    parameter solves for three columns.
 
     Attributes
     ----------
@@ -131,18 +131,18 @@ class Search:
         return [parameter for _, parameter in sorted(minima)[:2]]
 
 
-Model = tuple[Array, Array]  # whitened columns (k, m), and the torque (m,) that they explain
+Terms = tuple[Array, Array]  # whitened columns (k, m), and the torque (m,) that they explain
 
 
 @dataclass(frozen=True)
-class Rival:
+class CandidateModel:
     """One explanation of a torque.
 
     Attributes
     ----------
     family, name : str
         What it is called.
-    model : function
+    terms : function
         Its columns and torque in a search, at a value of its own parameter; None: it cannot be.
         Without one it is Eq. 15 with the columns of its name in `Whitened.columns`.
     grid : function or None
@@ -154,18 +154,18 @@ class Rival:
 
     family: Family
     name: str
-    model: Callable[[Search, float], Model | None] | None = None
+    terms: Callable[[Search, float], Terms | None] | None = None
     grid: Callable[[Whitened], Array] | None = None
     shares: tuple[float, ...] = (0.0,)
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A rival at a value of its own parameter, ready to be fitted and to predict.
+class ModelAtValue:
+    """A candidate model at a value of its own parameter, ready to be fitted and to predict.
 
     Attributes
     ----------
-    rival : Rival
+    candidate model : Candidate model
         What it is of.
     columns : Array (k, m)
         Whitened columns; the first three multiply K, B and I.
@@ -175,48 +175,48 @@ class Candidate:
         Derivative of the modelled torque by its own parameter.
     """
 
-    rival: Rival
+    model: CandidateModel
     columns: Array
     torque: Array
     slope: Array | None = None
 
 
-def candidates(rival: Rival, search: Search) -> list[Candidate]:
-    """Find values of a rival's own parameter that may be; none if it gains nothing."""
+def models_at_values(model: CandidateModel, search: Search) -> list[ModelAtValue]:
+    """Find values of a candidate model's own parameter that may be; none if it gains nothing."""
     data = search.data
-    model = rival.model
-    if model is None:
-        added = data.columns.get(rival.name, data.motion[:0])
-        return [Candidate(rival, np.concatenate([data.motion, added]), data.torque)]
-    if rival.grid is None:
-        without_parameter = model(search, 0.0)
-        return [Candidate(rival, *without_parameter)] if without_parameter else []
+    terms = model.terms
+    if terms is None:
+        added = data.columns.get(model.name, data.motion[:0])
+        return [ModelAtValue(model, np.concatenate([data.motion, added]), data.torque)]
+    if model.grid is None:
+        without_parameter = terms(search, 0.0)
+        return [ModelAtValue(model, *without_parameter)] if without_parameter else []
 
-    def at(value: float) -> Model:
-        modelled = model(search, value)
+    def at(value: float) -> Terms:
+        modelled = terms(search, value)
         assert modelled is not None
         return modelled
 
     found = []
-    for value in search.minima(lambda value: search.fit(*at(value))[0], rival.grid(data)):
+    for value in search.minima(lambda value: search.fit(*at(value))[0], model.grid(data)):
         columns, torque = at(value)
         estimates = search.fit(columns, torque)[1]
         # derivative of the modelled torque, from a small step of the parameter
         step = 1e-3 * abs(value) + 1e-9
         columns_then, torque_then = at(value + step)
         slope = (estimates @ (columns_then - columns) - (torque_then - torque)) / step
-        found.append(Candidate(rival, columns, torque, slope))
+        found.append(ModelAtValue(model, columns, torque, slope))
     return found
 
 
-def late(search: Search, delay_s: float) -> Model:
+def late(search: Search, delay_s: float) -> Terms:
     """A torque, with its friction, that is late by a constant time, or early if it is negative."""
     data = search.data
     advance = np.exp(delay_s * data.spectra.s)
     return data.motion[:3], data.column(data.spectra.torque * advance)
 
 
-def low_passed(search: Search, lag_s: float) -> Model:
+def low_passed(search: Search, lag_s: float) -> Terms:
     """A torque behind a low-pass of first order, or an angle, whose time constant is negative."""
     data = search.data
     low_pass = 1 / (1 + abs(lag_s) * data.spectra.s)
@@ -230,7 +230,7 @@ def lags(data: Whitened) -> Array:
     return np.concatenate([-of_torque[::-1], of_torque])
 
 
-def behind_spring(search: Search, compliance: float) -> Model:
+def behind_spring(search: Search, compliance: float) -> Terms:
     """A spring between the angle's encoder and the joint.
 
     With Z = K + B s + I s^2 and the compliance c the torque is Z/(1 + c Z) theta, which is not
@@ -249,7 +249,7 @@ def behind_spring(search: Search, compliance: float) -> Model:
     return columns, torque
 
 
-def with_branch(search: Search, relaxation_s: float) -> Model:
+def with_branch(search: Search, relaxation_s: float) -> Terms:
     """A spring that a damper of its own lets go, beside K, B and I (Maxwell): K rises with the
     frequency. It relaxes within a time."""
     data = search.data
@@ -259,17 +259,17 @@ def with_branch(search: Search, relaxation_s: float) -> Model:
     return np.vstack([data.motion[:3], branch]), data.torque
 
 
-def behind_gap(search: Search, width: float) -> Model:
-    """Play before spring and damper, which follow the angle when a gap [rad] is taken up."""
+def behind_gap(search: Search, width: float) -> Terms:
+    """Backlash before spring and damper, which follow the angle when a gap [rad] is taken up."""
     data = search.data
     wound = width / 2 * slipping_springs(data.spectra.angle, [width / 2])[0]
     behind = turned(data, data.spectra.theta - wound)
     return np.vstack([behind[:2], data.motion[2:]]), data.torque
 
 
-def behind_mount(search: Search, width: float) -> Model:
-    """Play between the encoder and a joint that its spring holds in the middle: the joint turns by
-    half a gap [rad] less than the angle, to the side to which angle and torque point."""
+def behind_mount(search: Search, width: float) -> Terms:
+    """Backlash between the encoder and a joint that its spring holds in the middle: the joint turns
+    by half a gap [rad] less than the angle, to the side to which angle and torque point."""
     spectra = search.data.spectra
     torque = spectra.resampled(*spectra.raw_torque)
     pushed = spectra.angle + torque / search.impedance[0]
@@ -285,11 +285,11 @@ def turned(data: Whitened, angle: Array) -> Array:
 
 def gap_widths(data: Whitened) -> Array:
     """Widths of a gap [rad], from what rounding cannot be."""
-    least = max(PLAY[0], FEWEST_STEPS * data.spectra.signals.encoder_step)
-    return np.geomspace(least, max(PLAY[1], 2 * least), GRID)
+    least = max(BACKLASH[0], FEWEST_STEPS * data.spectra.signals.encoder_step)
+    return np.geomspace(least, max(BACKLASH[1], 2 * least), GRID)
 
 
-def cut(search: Search, _: float) -> Model | None:
+def cut(search: Search, _: float) -> Terms | None:
     """A torque of which one or both ends are cut, with what K, B and I predict of the missing.
 
     An end is the median of what is recorded where more is predicted: noise is added after an
@@ -325,20 +325,24 @@ def cut(search: Search, _: float) -> Model | None:
     return (data.motion, torque) if followed < MOST_FOLLOWING * square else None
 
 
-EQ_15 = Rival("", "nothing")
-RIVALS = (
+EQ_15 = CandidateModel("", "nothing")
+CANDIDATE_MODELS = (
     EQ_15,
-    Rival("path", "delay", late, lambda _: LARGEST_DELAY_S * np.linspace(-1, 1, 3 * GRID)),
-    Rival("path", "low-pass", low_passed, lags),
-    Rival("path", "spring in series", behind_spring, lambda _: np.geomspace(*COMPLIANCE, GRID)),
-    Rival("time", "change over time", shares=(0.0, -0.5, 0.5)),
-    Rival("time", "change at once", shares=(0.0, 1.0)),
-    Rival("speed", "damping by speed"),
-    Rival("size", "nonlinear spring"),
-    Rival("size", "K by side", shares=(0.0, 1.0, -1.0)),
-    Rival("size", "viscoelastic branch", with_branch, lambda _: np.geomspace(*BRANCH_S, GRID)),
-    Rival("direction", "K and B by direction", shares=(0.0, 1.0, -1.0)),
-    Rival("speed", "play", behind_gap, gap_widths),
-    Rival("speed", "play in the mount", behind_mount, gap_widths),
-    Rival("clipping", "clipping", cut),
+    CandidateModel("path", "delay", late, lambda _: LARGEST_DELAY_S * np.linspace(-1, 1, 3 * GRID)),
+    CandidateModel("path", "low-pass", low_passed, lags),
+    CandidateModel(
+        "path", "spring in series", behind_spring, lambda _: np.geomspace(*COMPLIANCE, GRID)
+    ),
+    CandidateModel("time", "change over time", shares=(0.0, -0.5, 0.5)),
+    CandidateModel("time", "change at once", shares=(0.0, 1.0)),
+    CandidateModel("speed", "damping by speed"),
+    CandidateModel("size", "nonlinear spring"),
+    CandidateModel("size", "K by side", shares=(0.0, 1.0, -1.0)),
+    CandidateModel(
+        "size", "viscoelastic branch", with_branch, lambda _: np.geomspace(*BRANCH_S, GRID)
+    ),
+    CandidateModel("direction", "K and B by direction", shares=(0.0, 1.0, -1.0)),
+    CandidateModel("speed", "backlash", behind_gap, gap_widths),
+    CandidateModel("speed", "backlash in the mount", behind_mount, gap_widths),
+    CandidateModel("clipping", "clipping", cut),
 )

@@ -265,6 +265,7 @@ STEPS = np.repeat(np.random.default_rng(2).choice([-0.06, 0.06], 400), 50)
 @pytest.mark.parametrize("theta", [
     0.09 * signal.sawtooth(0.6 * np.pi * np.arange(0, 40, 1 / FINE), 0.5),
     np.convolve(STEPS, np.hanning(25) / 12, "same"),
-], ids=["ramps", "binary"])  # fmt: skip
-def test_ramps_and_a_binary_sequence_are_other_motions(theta):
+    np.convolve(0.06 * np.sign(SOUND), np.hanning(9) / 4, "same"),
+], ids=["ramps", "binary", "squares"])  # fmt: skip
+def test_ramps_squares_and_a_binary_sequence_are_other_motions(theta):
     assert not is_stepped(theta, seed=2)

@@ -13,13 +13,13 @@ from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.budgets import fit_tables
 from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
 from osl_analysis.bench.impedance import Analysis
-from osl_analysis.bench.motion import signals_of, stretches_of
+from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
 from osl_analysis.bench.regression import Model, fit_groups, gram_sums, offset_and_drift
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals.filters import runs
-from osl_analysis.signals.grid import BRIDGE_MORE
+from osl_analysis.signals.grid import BRIDGE_MORE, uniform_signals
 from osl_analysis.stats.budget import Contribution, Row
 from osl_analysis.stats.linear_fit import LinearFit
 
@@ -57,7 +57,7 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
     InputError, IdentifiabilityError
         As `branches_of` and `fit_groups`, or the bench is softer than the belt.
     """
-    signals = signals_of(trial, ("theta", "theta_m", "torque"), settings)
+    signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings)
     low_pass = settings.low_pass
     rate_hz = signals.rate_hz
     measured = signals.signals
@@ -110,7 +110,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
         **offset_and_drift(record.time),
     }
     s = gram_sums(record, columns)
-    velocities = [motion.omega[record.rows(branch)] for branch in BRANCHES]
+    velocities = [motion.omega[record.is_fitted(branch)] for branch in BRANCHES]
     varies = all(np.std(each) > CONSTANT_VELOCITY * abs(np.mean(each)) for each in velocities)
     if model is None:
         model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
@@ -200,7 +200,7 @@ def belt_table(belt: Analysis) -> dict[str, pl.DataFrame]:
     of_line, of_square, _ = sums.of("loading").estimates([*QUADRATIC.values()])
 
     # the torque, and each error of it
-    errors = loop_errors(torque, record.rate_hz, record.rows(), record.settings.calibration)
+    errors = loop_errors(torque, record.rate_hz, record.is_fitted(), record.settings.calibration)
     torques = np.array([torque, *errors])
     cycles = [whole(cycle) for cycle in loop_of(theta).cycles]
     works = [np.trapezoid(torques[:, rows], theta[rows]) for rows in cycles]
@@ -208,7 +208,7 @@ def belt_table(belt: Analysis) -> dict[str, pl.DataFrame]:
 
     turn = None  # of the actuator's shaft per turn of the joint, while the belt is loaded
     if record.actuator:
-        rows = record.rows("loading")
+        rows = record.is_fitted("loading")
         of_joint = record.actuator["theta"][rows]
         turn = np.polyfit(of_joint, record.actuator["theta_m"][rows], 1)[0]
 

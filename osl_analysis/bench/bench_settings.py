@@ -11,44 +11,19 @@ from osl_analysis.base.units import quantity
 from osl_analysis.base.yaml_settings import (
     Amplitudes,
     CycleCount,
-    FilterOrder,
     Frequencies,
     NotNegative,
     Positive,
-    Seconds,
     Settings,
     check_rising,
     refuse_if,
 )
 from osl_analysis.config.sheet import Windows
-from osl_analysis.signals.filters import LowPass
+from osl_analysis.signals.grid import FilterSettings
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
 # a standard uncertainty; what is larger is a percentage
 UncertainShare = Annotated[float, Field(ge=0, lt=0.5)]
-
-
-class TimeBase(Settings):
-    """How the channels of a trial are brought on one uniform grid (docs/time_base.md)."""
-
-    highest_hz: Positive = 5.0
-    """Fastest motion [Hz] of the bench; gaps up to a tenth of its period are bridged and count as
-    data."""
-    longest_gap_s: Seconds = 0.5
-    """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a
-    trial is refused."""
-
-
-class FilterSettings(Settings):
-    """The time base and the one zero-phase Butterworth filter of all signals of a trial."""
-
-    cutoff_hz: Annotated[float, Field(gt=0, le=1000)]  # cut-off [Hz] of one run of the filter
-    order: FilterOrder  # of one run
-    time_base: TimeBase = TimeBase()  # the uniform grid on which the signals are filtered
-
-    @property
-    def low_pass(self) -> LowPass:
-        return LowPass(self.cutoff_hz, self.order)
 
 
 def check_stiffness(text: str) -> str:

@@ -18,17 +18,16 @@ from osl_analysis.bench.bench_settings import (
 from osl_analysis.bench.budgets import fit_tables
 from osl_analysis.bench.impedance import Analysis, with_encoder_errors
 from osl_analysis.bench.lags import late_fit
-from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
     Model,
-    effect_columns,
     fit_groups,
     gram_sums,
+    sums_of,
 )
-from osl_analysis.signals.grid import origin
+from osl_analysis.signals.grid import origin, uniform_signals
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit
 
@@ -95,7 +94,7 @@ def measured_frame(trial: Trial, record: Record) -> LinearFit | None:
     """
     if JOINT_SIDE not in trial.columns:
         return None
-    uniform = signals_of(trial, ("theta", JOINT_SIDE, "torque"), record.settings)
+    uniform = uniform_signals(trial, ("theta", JOINT_SIDE, "torque"), record.settings)
     signals = uniform.signals
     wound = signals["theta"] - signals[JOINT_SIDE]
     if not np.ptp(wound):
@@ -219,7 +218,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[LinearFit, LinearFit | N
     damped : LinearFit or None
         The fit that allows damping; None for a spring with too little inertia to tell it.
     """
-    columns = effect_columns(record)
+    columns = sums_of(record).columns
     few = record.coarse
     model = {**IMPEDANCE, "T_C": "T_C"}
 

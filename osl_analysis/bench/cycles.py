@@ -50,7 +50,7 @@ def whole(cycle: Cycle) -> slice:
 
 
 def loop_errors(
-    torque: Array, rate_hz: float, rows: NDArray[np.intp], stated: Calibration
+    torque: Array, rate_hz: float, rows: NDArray[np.bool_ | np.intp], stated: Calibration
 ) -> list[Array]:
     """Errors of a torque (n,) [N*m] over an angle, by one standard uncertainty of both gains, of
     the load cell's hysteresis and of its delay."""

@@ -78,7 +78,7 @@ def coulomb_fits(
     whole_is_certain : bool, optional
         Whether the whole trial has friction, where that is known; by default this fit decides.
     """
-    velocity = analysis.record.motion.omega[analysis.record.rows()]
+    velocity = analysis.record.motion.omega[analysis.record.is_fitted()]
     if np.mean(np.abs(velocity) < AT_REST * velocity.std()) > MOST_REST:
         return {}
     model = analysis.model
@@ -130,14 +130,15 @@ def without_friction(s: Sums, model: Model, friction: LinearFit) -> LinearFit:
     T_C = friction[column]
     fit = fit_groups(s.less(column, T_C), model)
     by_friction = np.append(-s.estimates([*model.values()], column), 1.0)
-    covariance = friction.se(column) ** 2 * np.outer(by_friction, by_friction)
+    standard, freedom = friction.budget(column).spread()
+    covariance = standard**2 * np.outer(by_friction, by_friction)
     covariance[:-1, :-1] += fit.covariance
     return replace(
         fit,
         names=(*model, "T_C"),
         estimates=np.append(fit.estimates, T_C),
         covariance=covariance,
-        degrees_of_freedom=np.full(len(by_friction), friction.freedom(column)),
+        degrees_of_freedom=np.full(len(by_friction), freedom),
     )
 
 
@@ -191,7 +192,7 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tupl
     few = record.coarse
     columns = columns_of(few)
     X = np.array([columns[column] for column in IMPEDANCE.values()])
-    rows = few.rows()
+    rows = few.is_fitted()
     theta_m = few.actuator["theta_m"]
     beside = np.vstack([X, theta_m])[:, rows]
     stiffness, *_, kappa = np.linalg.lstsq(beside.T, few.filtered_torque[rows])[0]

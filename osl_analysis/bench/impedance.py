@@ -109,7 +109,7 @@ class Analysis:
         is_stated = settings.calibration != NOT_STATED or settings.fixture is not None
         if not is_stated and settings.bench_stiffness is None:
             return own
-        rows = record.rows(label)
+        rows = record.is_fitted(label)
         motion = record.motion
         columns = dict(self.sums.columns)
         if "T_C" in own.names:
@@ -219,7 +219,7 @@ def bench_torques(
     modelled: Array,
     of_angle: Array,
     passed: Callable[[Array], Array],
-    rows: NDArray[np.intp],
+    rows: NDArray[np.bool_ | np.intp],
 ) -> list[tuple[str, Array]]:
     """Errors of the torque (n,) [N*m] by one standard uncertainty of what is stated of the bench,
     with their sources.
@@ -257,7 +257,7 @@ def bench_torques(
 
 
 def torque_errors(
-    torque: Array, rate_hz: float, rows: NDArray[np.intp], stated: Calibration
+    torque: Array, rate_hz: float, rows: NDArray[np.bool_ | np.intp], stated: Calibration
 ) -> Array:
     """Errors of a smooth torque (n,) [N*m] by one standard uncertainty of the load cell's
     hysteresis and of its delay, (2, n). The loop has the width for the range in `rows` everywhere,
@@ -278,7 +278,7 @@ def check_encoder(analysis: Analysis) -> None:
         The acceleration is mostly noise of the encoder.
     """
     record = analysis.record
-    moved = np.ptp(record.theta[record.rows()])
+    moved = np.ptp(record.theta[record.is_fitted()])
     if moved < FEWEST_STEPS * record.encoder_step:
         raise InputError(
             f"the joint hardly moves: theta turns by {moved / record.encoder_step:.0f} steps of"
@@ -339,7 +339,7 @@ def with_encoder_errors(
     bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
     found = {}
     for label, fit in fits.items():
-        rows = few.rows(label)
+        rows = few.is_fitted(label)
         _, inverse = solved(X[:, rows] @ X[:, rows].T, np.zeros(len(X)))
         of_columns = {column: fit[name] for name, column in model.items()}
         stiffness, damping, inertia = (of_columns.get(name, 0.0) for name in DERIVATIVES[:3])

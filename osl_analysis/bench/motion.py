@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 from osl_analysis.base.errors import Change, InputError, naming
 from osl_analysis.base.measured import noise_of
 from osl_analysis.base.trial import Array, Trial, stretches
-from osl_analysis.bench.bench_settings import (
-    FilterSettings,
-    SteppedSineAnalysis,
-)
+from osl_analysis.bench.bench_settings import SteppedSineAnalysis
 from osl_analysis.bench.record import (
     STIFFNESS_ALONE,
     Groups,
@@ -26,7 +23,6 @@ from osl_analysis.bench.record import (
 from osl_analysis.signals.filters import power_density, runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
-    GapLimits,
     UniformSignals,
     uniform_signals,
 )
@@ -53,18 +49,6 @@ FEWEST_STRETCHES = 8  # of a recording, whose scores give an interval
 # of periods about their mean, above which a motion is not called periodic: a bench leaves 0.01, a
 # hand 0.05 to 0.1. Its interval is by the spread of its periods in any case
 BENCH_SCATTER = 0.03
-
-
-def signals_of(
-    trial: Trial,
-    columns: Sequence[str],
-    settings: FilterSettings,
-    beside: Collection[str] = (),
-) -> UniformSignals:
-    """Columns of a trial on the time base of the settings; see `uniform_signals`."""
-    base = settings.time_base
-    limits = GapLimits(base.highest_hz, settings.cutoff_hz, base.longest_gap_s)
-    return uniform_signals(trial, columns, limits, beside)
 
 
 def record_of_trial(
@@ -97,7 +81,7 @@ def record_of_trial(
     InputError
         A signal is missing, has no time base, or does not move.
     """
-    signals = signals_of(trial, ("theta", "torque"), settings, beside)
+    signals = uniform_signals(trial, ("theta", "torque"), settings, beside)
     excitation = excitation or getattr(settings, "excitation", "stepped_sine")
     if excitation == "auto" and windows:
         excitation = "any"

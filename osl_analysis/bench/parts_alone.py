@@ -18,7 +18,7 @@ from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_models
 from osl_analysis.bench.friction import coulomb_fits, inferred_of_joint
 from osl_analysis.bench.impedance import Analysis, analysed
-from osl_analysis.bench.motion import signals_of, stretches_of
+from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.bench.regression import (
@@ -31,7 +31,7 @@ from osl_analysis.bench.regression import (
     with_effects,
 )
 from osl_analysis.signals.filters import Motion, differentiate, runs
-from osl_analysis.signals.grid import UniformSignals
+from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
 from osl_analysis.stats.budget import Budget, Contribution, Row, unknown
 from osl_analysis.stats.linear_fit import LinearFit
@@ -87,7 +87,7 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
                 "drive the actuator and name theta_m or omega_m in the source file, or step the"
                 " current more often",
             )
-        signals = signals_of(trial, (moved, "current", "torque_m"), settings)
+        signals = uniform_signals(trial, (moved, "current", "torque_m"), settings)
         fit = actuator_of(signals, settings, moved)
         if signals.is_decided:
             return fit
@@ -145,6 +145,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         filtered_torque=low_pass(measured, rate),
         usable=usable,
         groups=stretches_of(runs(moving), rate),
+        rate_hz=rate,
         signals=signals,
         settings=settings,
         actuator={moved: raw},
@@ -228,6 +229,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
         filtered_torque=of_plateaus,
         usable=np.ones(len(time), dtype=bool),
         groups=unlike_groups(stops - counts, stops),
+        rate_hz=(len(time) - 1) / float(time[-1] - time[0]),
         settings=settings,
     )
     return analysed(record, model, gram_sums(record, columns))

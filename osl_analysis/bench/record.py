@@ -14,7 +14,7 @@ from osl_analysis.base.measured import visible_step
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.inference.rounding_errors import BESIDE_CUTOFF, noise_beyond
-from osl_analysis.signals.filters import Motion, filtered_motion
+from osl_analysis.signals.filters import Motion, seven_point_motion
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral.periodic import PeriodicMotion
 
@@ -109,6 +109,7 @@ class Record:
         Rows that are not near a gap in the recording.
     groups : Groups
         Rows that are fitted.
+    rate_hz : float
     band_hz : tuple of float
         Lowest and highest frequency of the motion [Hz].
     periodic : PeriodicMotion or None
@@ -131,15 +132,12 @@ class Record:
     settings: BenchAnalysis
     usable: NDArray[np.bool_]
     groups: Groups
+    rate_hz: float
     band_hz: tuple[float, float] = (np.nan, np.nan)
     periodic: PeriodicMotion | None = None
     signals: UniformSignals | None = None
     with_other_stamps: "Record | None" = None
     actuator: Mapping[str, Array] = field(default_factory=dict)
-
-    @property
-    def rate_hz(self) -> float:
-        return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
 
     @property
     def streams(self) -> Sequence[Mapping[str, Any]]:
@@ -151,20 +149,15 @@ class Record:
         """Resolution of the angle [rad]; 0: not known."""
         if self.signals is None:
             return 0.0
-        part = next(part for part in self.signals.taken if "theta" in part.stream.signals)
-        theta = part.stream.signals["theta"][part.present]
-        return float(
-            part.stream.stated.get("theta", {}).get("resolution") or visible_step(theta) or 0.0
-        )
+        stream = next(x.stream for x in self.signals.taken if "theta" in x.stream.signals)
+        theta = stream.signals["theta"]
+        stated = stream.stated.get("theta", {}).get("resolution")
+        return float(stated or visible_step(theta[~np.isnan(theta)]) or 0.0)
 
     def is_fitted(self, label: Label = None, edge: int = 0) -> NDArray[np.bool_]:
         """Which rows (n,) lie, at least partly, in the groups of a label, or within `edge` rows of
         these."""
         return self.groups.cover(self.groups.of(label), len(self.time), edge)
-
-    def rows(self, label: Label = None) -> NDArray[np.intp]:
-        """The fitted rows (m,) of a label or of all."""
-        return np.flatnonzero(self.is_fitted(label))
 
     @cached_property
     def angle_noise(self) -> Array:
@@ -175,7 +168,7 @@ class Record:
         hand that dwells, these lie within the filter. What is left of the noise beyond it is taken
         as white.
         """
-        rows = self.rows()
+        rows = self.is_fitted()
         beside_hz = np.array(BESIDE_CUTOFF) * self.settings.cutoff_hz
         removed = (self.theta - self.motion.theta)[rows]
         density = noise_beyond(removed, self.rate_hz, self.settings.cutoff_hz)
@@ -216,6 +209,7 @@ class Record:
             usable=self.usable[rows],
             actuator={name: signal[rows] for name, signal in self.actuator.items()},
             groups=replace(self.groups, first=self.groups.first / step, stop=stop),
+            rate_hz=self.rate_hz / step,
         )
 
 
@@ -239,7 +233,7 @@ def record_of(
     groups: Groups,
     theta: Array | None = None,
 ) -> Record:
-    """The record of signals with groups of rows.
+    """The record of signals with groups of rows; angle and torque pass the *same* filter.
 
     Parameters
     ----------
@@ -257,16 +251,19 @@ def record_of(
         theta = signals.signals["theta"]
         if settings.bench_stiffness is not None:
             theta = settings.joint_angle(theta, torque)
-    motion, filtered = filtered_motion(signals.time, theta, torque, settings.low_pass)
+    low_pass = settings.low_pass
+    time = signals.time
+    rate_hz = (len(time) - 1) / float(time[-1] - time[0])
     return Record(
         name=signals.trial,
-        time=signals.time,
+        time=time,
         theta=theta,
         torque=torque,
-        motion=motion,
-        filtered_torque=filtered,
+        motion=seven_point_motion(low_pass(theta, rate_hz), rate_hz),
+        filtered_torque=low_pass(torque, rate_hz),
         settings=settings,
         usable=signals.usable,
         groups=groups,
+        rate_hz=rate_hz,
         signals=signals,
     )

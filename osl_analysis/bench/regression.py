@@ -218,15 +218,6 @@ class Sums:
         of_one = means[-1, :-1]
         return means[:-1, :-1] - np.outer(of_one, of_one)
 
-    def vaf(self, columns: Sequence[str], estimates: Array) -> float:
-        """VAF [percent] of estimates (p,) of columns, with an own offset. As
-        `variance_accounted_for` if the torque is constant."""
-        covariance = self.covariance([*columns, "torque"])
-        weights = np.append(-estimates, 1.0)
-        left = max(weights @ covariance @ weights, 0.0)
-        square, n = np.diag(self.products(self.gram, ["torque", "one"]).sum(axis=0))
-        return float(vaf_by_moments(left, covariance[-1, -1], square / n))
-
 
 def gram_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
     """Sum the products of columns (n,) and of the record's torque, in each group.
@@ -340,11 +331,6 @@ def noise_moments(names: Sequence[str], record: Record, angle_noise: Array) -> A
     return moments
 
 
-def sums_of(record: Record, expected: Stiffness | None = None) -> Sums:
-    """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
-    return motion_sums(record.coarse, effect_columns(record, expected), record.angle_noise)
-
-
 def offset_and_drift(time: Array) -> dict[str, Array]:
     """Columns (n,) of a constant, and of a ramp over times (n,) [s] that is 0 on average."""
     return {"one": np.ones_like(time), "ramp": time - time.mean()}
@@ -364,9 +350,9 @@ def columns_of(record: Record) -> dict[str, Array]:
     }
 
 
-def effect_columns(record: Record, expected: Stiffness | None = None) -> dict[str, Array]:
-    """The columns (n,) of models and effects of a coarse record. `expected` is the linear model's
-    dynamic stiffness, if the gains are known."""
+def sums_of(record: Record, expected: Stiffness | None = None) -> Sums:
+    """The sums of the models' columns and of all effects in a coarse record. `expected` is the
+    linear model's dynamic stiffness, if the gains are known."""
     few = record.coarse
     columns = columns_of(few)
     higher = seven_point_motion(columns["alpha"], few.rate_hz)
@@ -387,7 +373,7 @@ def effect_columns(record: Record, expected: Stiffness | None = None) -> dict[st
         columns["linear"] = linear_torque(
             expected, columns["theta"], few.rate_hz, 3 * low_pass.cutoff_hz
         )
-    return columns
+    return motion_sums(few, columns, record.angle_noise)
 
 
 def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearFit:
@@ -429,11 +415,16 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
     slow_products = s.products(s.gram, [*columns, "torque"]).sum(axis=0)[:-1][is_slow]
     left = slow_products[:, -1] - slow_products[:, :-1][:, ~is_slow] @ estimates[~is_slow]
     estimates[is_slow], _ = solved(slow_products[:, :-1][:, is_slow], left)
+    # VAF with an own offset
+    moments = s.covariance([*columns, "torque"])
+    weights = np.append(-estimates, 1.0)
+    unexplained = max(weights @ moments @ weights, 0.0)
+    square, rows = np.diag(s.products(s.gram, ["torque", "one"]).sum(axis=0))
     return LinearFit(
         names=tuple(model),
         estimates=estimates,
         covariance=covariance,
-        vaf=s.vaf(columns, estimates),
+        vaf=float(vaf_by_moments(unexplained, moments[-1, -1], square / rows)),
         interval_method="repeats" if repeat.any() else "blocks",
         degrees_of_freedom=freedom,
     )

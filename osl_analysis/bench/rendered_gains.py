@@ -232,7 +232,7 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     """What the converged gains render, with all that contributes to its uncertainty: the interval
     of the last step, what is stated of the bench and of the drivetrain, and the motion."""
     record = leg.record
-    rows = record.rows()
+    rows = record.is_fitted()
     X = np.column_stack([leg.slopes[column] for column in leg.model.values()])[rows]
 
     fit = step
@@ -270,7 +270,7 @@ def ranges_over_motion(leg: Leg) -> dict[str, Contribution]:
 
 
 def contributions_of_components(
-    leg: Leg, X: Array, rows: NDArray[np.intp], uncertainties: Mapping[str, float]
+    leg: Leg, X: Array, rows: NDArray[np.bool_ | np.intp], uncertainties: Mapping[str, float]
 ) -> dict[str, list[Contribution]]:
     """What the uncertainty of each component of the drivetrain makes of what the gains render, to
     first order; of those whose uncertainty is not stated, the one that changes it most."""

@@ -19,10 +19,9 @@ from osl_analysis.base.trial import Array, Trial
 from osl_analysis.base.yaml_settings import check_known
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
-from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary.described import table_of
-from osl_analysis.signals.grid import UniformSignals
+from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.stats.budget import Budget, Contribution, Row, scatter
 from osl_analysis.stats.linear_fit import variance_accounted_for
 
@@ -69,7 +68,7 @@ def torque_angle_trial(
         drives the angle, the joint is stiffer than the bench, or no curve has this name; the
         message names the trial.
     """
-    signals = signals_of(trial, ("theta", "torque"), settings)
+    signals = uniform_signals(trial, ("theta", "torque"), settings)
     measured = signals.signals
     rate_hz = signals.rate_hz
     with naming(f"trial {trial.name}"):

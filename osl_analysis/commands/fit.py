@@ -45,7 +45,6 @@ from osl_analysis.bench.impedance import analysed, rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
 from osl_analysis.bench.plausibility import computed_torque, gear_told, plausible, speed_alone
-from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
 from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
 from osl_analysis.bench.torque_angle import torque_angle_trial
@@ -102,7 +101,11 @@ def fit_impedance_trial(
     check_recording(trial, settings)
     of_joint = with_fixture(trial, settings.fixture)
     settings = with_clock_error(settings, trial)
-    record = fitted_record(of_joint, settings, windows)
+    if windows is not None:
+        cut, shifted_windows = of_joint.cut_to(windows)
+        if is_broken_outside(of_joint, cut, settings.time_base.longest_gap_s):
+            of_joint, windows = cut, shifted_windows
+    record = record_of_trial(of_joint, settings, windows, beside=("theta_m", "current"))
     analysis = rendered_impedance(record)  # K, B and I, with what this motion tells of them
 
     # what else the recording tells, and what is to be expected of the device
@@ -120,17 +123,6 @@ def fit_impedance_trial(
 
     tables = {**tables, "impedance": table}
     return FitTables(tables, samples_of(analysis), record.streams, others)
-
-
-def fitted_record(
-    of_joint: Trial, settings: choices.ImpedanceAnalysis, windows: str | None
-) -> Record:
-    """The record of an impedance trial, without its fixture, that K, B and I are fitted to."""
-    if windows is not None:
-        cut, shifted_windows = of_joint.cut_to(windows)
-        if is_broken_outside(of_joint, cut, settings.time_base.longest_gap_s):
-            of_joint, windows = cut, shifted_windows
-    return record_of_trial(of_joint, settings, windows, beside=("theta_m", "current"))
 
 
 def is_broken_outside(trial: Trial, cut: Trial, longest_gap_s: float) -> bool:

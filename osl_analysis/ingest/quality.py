@@ -21,7 +21,13 @@ from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.force_plates import beside, plate_axes
 from osl_analysis.ingest.guard import ANGLES, recorded
 from osl_analysis.signals.filters import longest_of, run_edges
-from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
+from osl_analysis.signals.grid import (
+    USUAL_FILTER,
+    TimeBase,
+    devices_of,
+    origin,
+    uniform_signals,
+)
 from osl_analysis.signals.plateaus import (
     find_leaps,
     has_levels,
@@ -195,8 +201,9 @@ def measure_protocol(examined: Examined) -> CheckResult:
     if excitation == "any":
         return CheckResult(0.0, "any motion moves the joint, says the configuration")
     try:
-        limits = GapLimits(longest_s=commanded.longest_gap_s)
-        angle = uniform_signals(examined.trial, ["theta"], limits)
+        time_base = TimeBase(longest_gap_s=commanded.longest_gap_s)
+        settings = USUAL_FILTER.model_copy(update={"time_base": time_base})
+        angle = uniform_signals(examined.trial, ["theta"], settings)
     except InputError as error:
         return not_applicable(f"no time base, {error}")
     theta = angle.signals["theta"]

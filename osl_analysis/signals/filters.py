@@ -94,31 +94,6 @@ class Motion:
         return Motion(self.theta[rows], self.omega[rows], self.alpha[rows])
 
 
-def filtered_motion(
-    time: Array, theta: Array, torque: Array, low_pass: LowPass
-) -> tuple[Motion, Array]:
-    """Pass angle and torque through the *same* filter, and differentiate the angle.
-
-    Parameters
-    ----------
-    time : Array
-        Uniform times (n,) [s].
-    theta, torque : Array
-        (n,) [rad] and (n,) [N*m].
-    low_pass : LowPass
-
-    Returns
-    -------
-    motion : Motion
-        Of the filtered angle.
-    torque : Array
-        Filtered (n,) [N*m].
-
-    """
-    rate = 1 / float(np.mean(np.diff(time)))
-    return seven_point_motion(low_pass(theta, rate), rate), low_pass(torque, rate)
-
-
 # through which a polynomial passes, whose derivatives are those of their middle
 POLYNOMIAL_SAMPLES = 7
 

@@ -10,18 +10,20 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import polars as pl
 import scipy
 from numpy.typing import NDArray
+from pydantic import Field
 
 from osl_analysis.base.errors import InputError, naming
 from osl_analysis.base.trial import COUNTER, Array, Trial
+from osl_analysis.base.yaml_settings import FilterOrder, Positive, Seconds, Settings
 from osl_analysis.signals.filters import REACH_PERIODS, LowPass, differentiate
 from osl_analysis.signals.sample_count import FEWEST_STAMPS, LONG_STEP
-from osl_analysis.signals.samples import SensorLowPass, Stream, Taken, take, take_stream
+from osl_analysis.signals.samples import Samples, SensorLowPass, Stream, Taken, take, take_stream
 from osl_analysis.signals.stamp_evidence import Reading
 
 BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
@@ -37,14 +39,32 @@ NO_GAP = 1.1  # steps between samples that are none: a tenth of a step is jitter
 BRIDGED_PERIODS = 0.1  # of the fastest motion: a cubic across a gap is wrong by 5e-4 there
 
 
-@dataclass(frozen=True)
-class GapLimits:
-    """Limits of gaps. 20 missing samples at 1 kHz are a gap of 20 ms, between samples that are 21
-    ms apart."""
+class TimeBase(Settings):
+    """How the channels of a trial are brought on one uniform grid (docs/time_base.md). 20 missing
+    samples at 1 kHz are a gap of 20 ms, between samples that are 21 ms apart."""
 
-    highest_hz: float = 5.0  # [Hz] fastest motion that the fits use
-    cutoff_hz: float = 15.0  # [Hz] of the filter that the signals pass afterwards
-    longest_s: float = 0.5  # [s] longest gap that is not refused
+    highest_hz: Positive = 5.0
+    """Fastest motion [Hz] of the bench; gaps up to a tenth of its period are bridged and count as
+    data."""
+    longest_gap_s: Seconds = 0.5
+    """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a
+    trial is refused."""
+
+
+class FilterSettings(Settings):
+    """The time base and the one zero-phase Butterworth filter of all signals of a trial."""
+
+    cutoff_hz: Annotated[float, Field(gt=0, le=1000)]  # cut-off [Hz] of one run of the filter
+    order: FilterOrder  # of one run
+    time_base: TimeBase = TimeBase()  # the uniform grid on which the signals are filtered
+
+    @property
+    def low_pass(self) -> LowPass:
+        return LowPass(self.cutoff_hz, self.order)
+
+
+USUAL_FILTER = FilterSettings(cutoff_hz=15.0, order=4)
+"""Of the bench, where no settings are stated."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +86,7 @@ class UniformSignals:
         How the samples of each stream were taken.
     gaps : Sequence of (int, int)
         Numbers of bridged and of marked gaps of each.
-    limits : GapLimits
+    settings : FilterSettings
     is_decided : bool
         Whether stamps and signals decide how the stamps of each stream are read.
     trial : str
@@ -79,7 +99,7 @@ class UniformSignals:
     usable: NDArray[np.bool_]
     taken: tuple[Taken, ...]
     gaps: Sequence[tuple[int, int]]
-    limits: GapLimits
+    settings: FilterSettings
     is_decided: bool
     trial: str = ""
 
@@ -113,13 +133,13 @@ class UniformSignals:
         """The same with the other reading of every undecided stream: true stamps as even, even ones
         as true. The difference of the two fits is the cost of the missing decision."""
         taken = [part if part.reading.firm else part.other() for part in self.taken]
-        return on_one_grid(taken, self.limits, self.trial)
+        return on_one_grid(taken, self.settings, self.trial)
 
 
 def uniform_signals(
     trial: Trial,
     columns: Sequence[str],
-    limits: GapLimits,
+    settings: FilterSettings,
     beside: Collection[str] = (),
 ) -> UniformSignals:
     """Bring the columns of a trial on one uniform grid.
@@ -130,7 +150,7 @@ def uniform_signals(
     ----------
     trial : Trial
     columns : Sequence of str
-    limits : GapLimits
+    settings : FilterSettings
     beside : Collection of str
         Columns that come along where they can: the grid has not their time and rate, they mark no
         row, and one that is missing or has too long a gap is left out.
@@ -152,7 +172,7 @@ def uniform_signals(
                 along.append(name)
         devices = devices_of(trial, [*columns, *along])
         taken = take([stream_of(trial, names, beside) for names in devices])
-        return on_one_grid(taken, limits, trial.name)
+        return on_one_grid(taken, settings, trial.name)
 
 
 CLOCKED_COLUMNS = ("theta", "theta_m", "omega_m", "theta_joint", "current", "torque", "torque_m")
@@ -181,7 +201,9 @@ def sampling_times(trial: Trial, column: str, stamps: Array) -> Array:
     return stamps
 
 
-def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:
+def on_one_grid(
+    taken: Sequence[Taken], settings: FilterSettings, trial: str = ""
+) -> UniformSignals:
     """Bring all signals on one grid, at the fastest stream's rate, over the time that all cover.
 
     A cubic spline passes through the samples, at true stamps or at the times of an even device's
@@ -191,7 +213,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     ----------
     taken : Sequence of Taken
         How the samples of each stream were taken.
-    limits : GapLimits
+    settings : FilterSettings
     trial : str
         Its name.
 
@@ -205,10 +227,10 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         The streams do not overlap, a gap is too long, or no row is usable.
     """
     leading = [part for part in taken if part.stream.leads]
-    step = min(part.step for part in leading)
+    step = min(part.samples.step for part in leading)
     rate = 1 / step
-    first, last_to_begin = max((part.samples[0][0], part.stream.name) for part in leading)
-    last, first_to_end = min((part.samples[0][-1], part.stream.name) for part in leading)
+    first, last_to_begin = max((part.samples.times[0], part.stream.name) for part in leading)
+    last, first_to_end = min((part.samples.times[-1], part.stream.name) for part in leading)
     # keeps a last row that rounding would cut off
     rows = int(np.floor((last - first) / step + ON_GRID)) + 1
     if rows < FEWEST_STAMPS:
@@ -218,18 +240,18 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
             "check that both clocks count from the same time",
         )
     time = step * np.arange(rows) + first
-    bridged_s = BRIDGED_PERIODS / limits.highest_hz
-    margin_s = REACH_PERIODS / limits.cutoff_hz
+    bridged_s = BRIDGED_PERIODS / settings.time_base.highest_hz
+    margin_s = REACH_PERIODS / settings.cutoff_hz
     margins = np.array([-margin_s, margin_s])
     usable = np.ones(len(time), dtype=bool)
     signals = {}
     gaps = []
     for part in leading:
-        ends, length = gaps_of(part, time, limits.longest_s)
+        ends, length = gaps_of(part, time, settings.time_base.longest_gap_s)
         marked = ends[length > bridged_s]
         for first, stop in np.searchsorted(time, marked + margins).tolist():
             usable[first:stop] = False
-        signals.update(resampled(*part.samples, time, step))
+        signals.update(resampled(part.samples, time, step))
         gaps.append((len(ends) - len(marked), len(marked)))
     if not usable.any():
         raise InputError(
@@ -241,15 +263,21 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     for part in taken:
         if not part.stream.leads:
             with suppress(InputError):
-                gaps_of(part, time, limits.longest_s)
-                signals.update(resampled(*part.samples, time, step))
+                gaps_of(part, time, settings.time_base.longest_gap_s)
+                signals.update(resampled(part.samples, time, step))
     stated: dict[str, Mapping[str, Any]] = {}
     for part in taken:
         stated.update(part.stream.stated)
-    signals = with_equal_sensor_filters(signals, stated, rate)
+    own = {
+        name: SensorLowPass(**facts["low_pass"])
+        for name, facts in stated.items()
+        if "low_pass" in facts
+    }
+    if own:
+        signals = with_equal_sensor_filters(signals, own, rate)
     fixture = stated.get("torque", {}).get("fixture")
     if fixture and {"theta", "torque"} <= signals.keys():
-        load = fixture_torque(time, signals["theta"], limits.cutoff_hz, **fixture)
+        load = fixture_torque(time, signals["theta"], settings.cutoff_hz, **fixture)
         signals["torque"] = signals["torque"] - load
 
     return UniformSignals(
@@ -261,23 +289,16 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         taken=tuple(replace(part, clock=replace(part.clock)) for part in leading),
         gaps=gaps,
         is_decided=all(part.reading.firm for part in leading),
-        limits=limits,
+        settings=settings,
         trial=trial,
     )
 
 
 def with_equal_sensor_filters(
-    signals: Mapping[str, Array], stated: Mapping[str, Mapping[str, Any]], rate_hz: float
+    signals: Mapping[str, Array], own: Mapping[str, SensorLowPass], rate_hz: float
 ) -> dict[str, Array]:
-    """Pass each signal through the filter of every sensor, except the one it has already passed.
-
-    Signals must have equal phase. `stated` is what source files state, by signal.
-    """
-    own = {
-        name: SensorLowPass(**facts["low_pass"])
-        for name, facts in stated.items()
-        if "low_pass" in facts
-    }
+    """Pass each signal through the filter of every sensor, except its `own` one, which it has
+    already passed. Signals must have equal phase."""
     filtered = {}
     for name, signal in signals.items():
         for low_pass in dict.fromkeys(own.values()):
@@ -329,11 +350,11 @@ def fixture_torque(
 def gaps_of(part: Taken, time: Array, longest_s: float) -> tuple[Array, Array]:
     """Begin and end (gaps, 2) [s] of the gaps of a stream within times (m,) [s], and their lengths
     (gaps,) [s]. Raises InputError: one is longer than allowed."""
-    times = part.samples[0]
-    rows = np.flatnonzero(np.diff(times) > LONG_STEP * part.step)
+    times, _, step = part.samples
+    rows = np.flatnonzero(np.diff(times) > LONG_STEP * step)
     ends = np.stack([times[rows], times[rows + 1]], axis=1)
     ends = ends[(ends[:, 1] > time[0]) & (ends[:, 0] < time[-1])]
-    length = ends[:, 1] - ends[:, 0] - NO_GAP * part.step
+    length = ends[:, 1] - ends[:, 0] - NO_GAP * step
     if (length > longest_s).any():
         begin, end = ends[np.argmax(length)]
         raise InputError(
@@ -346,17 +367,12 @@ def gaps_of(part: Taken, time: Array, longest_s: float) -> tuple[Array, Array]:
     return ends, length
 
 
-def resampled(
-    times: Array, values: Mapping[str, Array], grid: Array, step: float
-) -> dict[str, Array]:
+def resampled(samples: Samples, grid: Array, step: float) -> dict[str, Array]:
     """Take signals at the times of a grid.
 
     Parameters
     ----------
-    times : Array
-        Rising times (k,) [s] of the samples.
-    values : Mapping
-        Samples (k,) by signal.
+    samples : Samples
     grid : Array
         Uniform times (m,) [s], within the samples'.
     step : float
@@ -368,6 +384,7 @@ def resampled(
         (m,) by signal: the samples if they lie on the grid, else a cubic spline. Nothing is
         extrapolated: a last row that lies behind the last sample by rounding has its value.
     """
+    times, values, _ = samples
     row = np.searchsorted(times, grid[0] - ON_GRID * step)
     nearby = times[row : row + len(grid)]
     if len(nearby) == len(grid) and np.max(np.abs(nearby - grid)) < ON_GRID * step:

@@ -6,7 +6,7 @@ log repeats."""
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -122,9 +122,13 @@ class Stream:
         """Whether a grid has the time and the rate of these samples, and no row in their gaps."""
         return not self.signals.keys() <= {*self.beside}
 
-    def delay(self, name: str) -> float:
-        """Stated delay [s] of a signal; 0 without one."""
-        return float(self.stated.get(name, {}).get("delay", 0.0))
+
+class Samples(NamedTuple):
+    """Samples of some signals when they were taken."""
+
+    times: Array  # (k,) [s], rising
+    values: Mapping[str, Array]  # (k,) by signal
+    step: float  # usual one [s] from one sample to the next
 
 
 @dataclass(frozen=True)
@@ -148,29 +152,21 @@ class Taken:
         return replace(self, reading=reading._replace(even=not reading.even, why=why))
 
     @cached_property
-    def present(self) -> NDArray[np.bool_]:
-        """Rows (n,) in which the signals have values."""
-        return ~np.isnan(next(iter(self.stream.signals.values())))
-
-    @cached_property
-    def step(self) -> float:
-        """Usual step [s] from one value to the next: several rows if signals of a lower rate share
-        the rows of a faster one."""
-        return self.clock.step * int(np.median(np.diff(self.clock.count[self.present])))
-
-    @cached_property
-    def samples(self) -> tuple[Array, dict[str, Array]]:
-        """Rising times (k,) [s] of the samples, minus the delay, and their values (k,) by signal.
-        Samples whose true stamps are very close are merged."""
-        values = {name: signal[self.present] for name, signal in self.stream.signals.items()}
-        times = self.reading.times(self.clock)[self.present]
+    def samples(self) -> Samples:
+        """The samples at their times, minus the delay. Those whose true stamps are very close are
+        merged."""
+        present = ~np.isnan(next(iter(self.stream.signals.values())))
+        # several rows if signals of a lower rate share the rows of a faster one
+        step = self.clock.step * int(np.median(np.diff(self.clock.count[present])))
+        values = {name: signal[present] for name, signal in self.stream.signals.items()}
+        times = self.reading.times(self.clock)[present]
         if not self.reading.even:
-            closest = CLOSE * self.step
+            closest = CLOSE * step
             if np.diff(times).min() < closest:
                 begins = begins_of_groups(times, closest)
                 values = {name: means_from(begins, signal) for name, signal in values.items()}
                 times = means_from(begins, times)
-        return times - self.delay, values
+        return Samples(times - self.delay, values, step)
 
 
 def begins_of_groups(times: Array, closest: float) -> NDArray[np.intp]:
@@ -225,8 +221,8 @@ def take_stream(stream: Stream) -> list[Taken]:
         is_missing = np.isnan(signal)
         values = None if is_missing.any() else held_values(signal, clock.step)
         if values is None:
-            samples = (stream.delay(name), is_missing.tobytes())
-            groups.setdefault(samples, {})[name] = signal
+            delay = stream.stated.get(name, {}).get("delay", 0.0)
+            groups.setdefault((delay, is_missing.tobytes()), {})[name] = signal
         else:
             held[name] = values
 
@@ -270,7 +266,8 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
 
     # time within a step of the log that the beat leaves open; less of it leaves no doubt
     open_s = step - (high - low)
-    is_known = open_s <= SAME_BEAT * step or "delay" in stream.stated.get(name, {})
+    stated = stream.stated.get(name, {})
+    is_known = open_s <= SAME_BEAT * step or "delay" in stated
     when = "known by where it changes"
     if not is_known:
         when = f"the first of them, or up to {open_s * 1e3:.3g} ms before"
@@ -287,7 +284,7 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
         ),
         clock=clock,
         reading=Reading(is_even, 0.0, is_even and is_known, why),
-        delay=stream.delay(name) + (-low if is_even else step / 2),
+        delay=stated.get("delay", 0.0) + (-low if is_even else step / 2),
         held=held.period,
         unsure=0.0 if is_known else open_s,
     )

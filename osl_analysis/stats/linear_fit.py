@@ -75,18 +75,14 @@ class LinearFit:
         """Standard error of one estimate, in its unit."""
         return self.budget(name).spread()[0]
 
-    def freedom(self, name: str) -> float:
-        """Degrees of freedom of one estimate's variance."""
-        return self.budget(name).spread()[1]
-
     def half_width(self, name: str) -> float:
         """Half of the 95 % interval of one estimate, in its unit."""
         return self.budget(name).half_width()
 
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of one estimate, in its unit."""
-        budget = self.budget(name)
-        return budget.low, budget.high
+        half = self.half_width(name)
+        return self[name] - half, self[name] + half
 
     def with_known_error(self, source: str, change: Array) -> "LinearFit":
         """The fit with an error that no scatter shows.
@@ -132,8 +128,9 @@ class LinearFit:
 
     def certain(self, name: str) -> bool:
         """Whether an estimate differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
-        quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - FALSE_ALARM / 2))
-        return abs(self[name]) > quantile * self.se(name)
+        standard, freedom = self.budget(name).spread()
+        quantile = float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2))
+        return abs(self[name]) > quantile * standard
 
 
 def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
@@ -185,8 +182,9 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
 def solved(A: Array, b: Array) -> tuple[Array, Array]:
     """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,); also the inverse of
     A. Directions of A that rounding alone fills are left out."""
-    values, vectors = np.linalg.eigh(scaled_to_one(A))
-    parts = vectors / sizes_of(A)[:, None]
+    scaled, sizes = scaled_to_one(A)
+    values, vectors = np.linalg.eigh(scaled)
+    parts = vectors / sizes[:, None]
     is_known = values > SMALLEST_DIRECTION * values[-1]
     weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
     inverse = parts * weights @ parts.T
@@ -221,11 +219,11 @@ def check_condition(
             f"'{names[int(np.argmin(np.diag(A)))]}' cannot be estimated: its column is zero"
             " throughout"
         )
-    values, vectors = np.linalg.eigh(scaled_to_one(A))
+    values, vectors = np.linalg.eigh(scaled_to_one(A)[0])
     squares = values
     if len(varies) > 1 and values[0] > SMALLEST_DIRECTION * values[-1]:
         of_varying = inverse[np.ix_(varies, varies)]
-        squares = np.linalg.eigvalsh(scaled_to_one(np.asarray(np.linalg.inv(of_varying))))
+        squares = np.linalg.eigvalsh(scaled_to_one(np.asarray(np.linalg.inv(of_varying)))[0])
     condition = np.sqrt(squares[-1] / max(squares[0], SMALLEST_DIRECTION * squares[-1]))
     if condition > limit:
         worst = sorted(np.argsort(np.abs(vectors[:, 0]))[-2:])
@@ -237,14 +235,10 @@ def check_condition(
         )
 
 
-def scaled_to_one(A: Array) -> Array:
-    """A symmetric matrix (p, p) with ones on its diagonal."""
-    return A / np.outer(sizes_of(A), sizes_of(A))
-
-
-def sizes_of(A: Array) -> Array:
-    """Roots of the diagonal of A (p, p)."""
-    return np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+def scaled_to_one(A: Array) -> tuple[Array, Array]:
+    """A symmetric matrix (p, p) with ones on its diagonal, and the roots of its diagonal (p,)."""
+    sizes = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    return A / np.outer(sizes, sizes), sizes
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -115,7 +115,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
         for fit in (gain, loop)
         for name in ("B", "T_C")
     ]
-    half = 0.02 * np.ptp(record.filtered_torque[record.rows()]) / np.sqrt(12)
+    half = 0.02 * np.ptp(record.filtered_torque[record.is_fitted()]) / np.sqrt(12)
     assert more[:2] == pytest.approx([0.02 * plain["B"], 0.02 * plain["T_C"]], rel=1e-3)
     assert more[3] == pytest.approx(half, rel=0.2)  # the torque leads the velocity
     # B without it is that of a damper

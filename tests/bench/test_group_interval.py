@@ -16,7 +16,7 @@ def line_sums(x, torque, groups):
     """Of a torque over a column, both of n rows."""
     record = Record(
         "made", np.arange(len(x)) / 100, x, torque, Motion(x, x, x), torque,
-        BenchAnalysis(cutoff_hz=15, order=4), np.ones(len(x), dtype=bool), groups,
+        BenchAnalysis(cutoff_hz=15, order=4), np.ones(len(x), dtype=bool), groups, 100.0,
     )  # fmt: skip
     return gram_sums(record, {"theta": x, "one": np.ones(len(x))})
 

@@ -17,15 +17,13 @@ from shipped import LEG as P
 
 from osl_analysis.base.errors import IdentifiabilityError, InputError
 from osl_analysis.base.trial import Trial
-from osl_analysis.bench.bench_settings import (
-    TimeBase,
-)
 from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE, fit_groups
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import dynamic_stiffness
+from osl_analysis.signals.grid import TimeBase
 
 SETTINGS = CONFIG.dynamometer
 # a protocol of which nothing is stated
@@ -195,8 +193,8 @@ def test_any_motion_is_fitted_by_least_squares_behind_a_high_pass():
     """As by statsmodels over the lines of a cosine transform, weighed by the gain's square."""
     record = moving_record(moved(noise, 3, {"duration": 10.0}, bits=22))
     fit = rendered_impedance(record).whole
-    rows = record.rows()
-    n = len(rows)
+    rows = record.is_fitted()
+    n = rows.sum()
     X = np.column_stack([record.motion.columns, np.ones_like(record.time), record.time])[rows]
     columns, torque = (scipy.fft.dct(x, axis=0) for x in (X, record.filtered_torque[rows]))
     hz = np.arange(n) * record.rate_hz / (2 * n)
@@ -263,7 +261,7 @@ def test_noise_drawn_anew_hardly_moves_an_interval():
         for k in range(16)
     ]
 
-    assert np.median([fit.freedom("K") for fit in fits]) > 11
+    assert np.median([fit.budget("K").spread()[1] for fit in fits]) > 11
     low, high = np.quantile([fit.half_width("K") for fit in fits], [0.05, 0.95])
     assert high < 2.5 * low
 
@@ -345,7 +343,7 @@ def test_a_longest_gap_that_is_stated_is_bridged():
     rows = np.arange(len(samples))
     gap_of_600_ms = Trial("made", samples.filter(pl.Series((rows < 4000) | (rows > 4150))))
     record = moving_record(gap_of_600_ms, time_base=TimeBase(longest_gap_s=0.7))
-    assert len(record.rows()) / record.rate_hz > 28
+    assert record.is_fitted().sum() / record.rate_hz > 28
 
 
 @pytest.mark.parametrize(("angle", "words"), [

@@ -15,7 +15,7 @@ from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import cycles_of
 from osl_analysis.bench.record import Record, unlike_groups
-from osl_analysis.signals.filters import LowPass, Motion, filtered_motion
+from osl_analysis.signals.filters import LowPass, Motion, seven_point_motion
 from osl_analysis.spectral.stepped_sine import (
     SteppedSineProtocol,
     find_segments,
@@ -90,9 +90,11 @@ def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL):
 
 def record_of(time, theta, torque, groups):
     """The record of raw signals."""
-    motion, filtered = filtered_motion(time, theta, torque, LowPass(15))
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    motion = seven_point_motion(LowPass(15)(theta, rate), rate)
+    filtered = LowPass(15)(torque, rate)
     usable = np.ones(len(time), dtype=bool)
-    return Record("made", time, theta, torque, motion, filtered, SETTINGS, usable, groups)
+    return Record("made", time, theta, torque, motion, filtered, SETTINGS, usable, groups, rate)
 
 
 def record_of_sines(time, theta, torque, protocol=PROTOCOL, segments=None):
@@ -110,7 +112,7 @@ def belt_record(theta_s, torque, rate=RATE, unusable=()):
     omega = np.gradient(theta_s) * rate
     motion = Motion(theta_s, omega, np.gradient(omega) * rate)
     groups = unlike_groups(np.zeros(1), np.full(1, len(time)))
-    record = Record("b", time, theta_s, torque, motion, torque, SETTINGS, usable, groups)
+    record = Record("b", time, theta_s, torque, motion, torque, SETTINGS, usable, groups, rate)
     return replace(record, groups=branches_of(record))
 
 

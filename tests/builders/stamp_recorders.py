@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid
+from osl_analysis.signals.grid import USUAL_FILTER, UniformSignals, on_one_grid
 from osl_analysis.signals.samples import Stream, take
 
 JOINT = np.array([300.0, 5.0, 0.02])  # K, B, I
@@ -16,7 +16,7 @@ RATE = 1000.0  # [Hz]
 
 
 def one_time_base(streams: list[Stream]) -> UniformSignals:
-    return on_one_grid(take(streams), GapLimits())
+    return on_one_grid(take(streams), USUAL_FILTER)
 
 
 # ---- Motions

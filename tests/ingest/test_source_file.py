@@ -12,7 +12,7 @@ from scipy.signal import lsim, lti
 from osl_analysis.base.trial import Trial, read_trial, write_trial
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.signals.grid import GapLimits, uniform_signals, with_clocks
+from osl_analysis.signals.grid import USUAL_FILTER, uniform_signals, with_clocks
 
 K = 300.0
 B = 5.0
@@ -144,7 +144,7 @@ def scattered_trial(stated="auto", clocks=None, age=0):
 def test_a_use_of_the_stamps_that_is_stated_or_that_ingest_found_stands(stated, found, used):
     trial = scattered_trial(stated, found)
 
-    (stream,) = uniform_signals(trial, ["theta", "torque"], GapLimits()).streams
+    (stream,) = uniform_signals(trial, ["theta", "torque"], USUAL_FILTER).streams
 
     assert stream["stamps"] == used
     assert stream["why"].startswith("stated") == (stated != "auto")

@@ -32,7 +32,7 @@ from stamp_recorders import (
 
 from osl_analysis.base.trial import check_time
 from osl_analysis.signals.device_clock import DeviceClock, held_values
-from osl_analysis.signals.grid import GapLimits, on_one_grid
+from osl_analysis.signals.grid import USUAL_FILTER, on_one_grid
 from osl_analysis.signals.sample_count import count_from_stamps
 from osl_analysis.signals.samples import Stream, take
 from osl_analysis.signals.stamp_evidence import Reading
@@ -133,7 +133,7 @@ def test_even_devices_true_stamps_and_older_values_are_told_apart(kind, age, cas
     assert reading.age == pytest.approx(age, abs=0.11)
     late_in_loops = (reading.times(part.clock) - taken) * case.get("rate", RATE)
     assert np.std(late_in_loops[50:-50]) < 0.06
-    assert_recovers_the_joint(on_one_grid([part], GapLimits()))
+    assert_recovers_the_joint(on_one_grid([part], USUAL_FILTER))
 
 
 def test_stamps_whose_rate_changes_for_good_are_those_of_no_even_device():
@@ -142,7 +142,7 @@ def test_stamps_whose_rate_changes_for_good_are_those_of_no_even_device():
     (part,) = take([recording])
 
     assert (part.reading.even, part.reading.firm) == (False, True)
-    assert_recovers_the_joint(on_one_grid([part], GapLimits()))
+    assert_recovers_the_joint(on_one_grid([part], USUAL_FILTER))
 
 
 def test_stamps_that_fit_no_hypothesis_are_kept_and_not_firm():
@@ -327,7 +327,7 @@ def test_stamps_may_be_equal_and_never_go_back():
 def test_stamps_within_half_a_step_are_one(apart_s, merged):
     stamps = np.where(TICKS == 0.5, 0.49 + apart_s, TICKS)[:200]
     (part,) = take([of(stamps, reading=Reading(False, 0.0, True, "stated"))])
-    assert len(part.samples[0]) == 200 - merged
+    assert len(part.samples.times) == 200 - merged
 
 
 def test_a_clock_that_is_slow_by_100_ppm_is_said_to_be():

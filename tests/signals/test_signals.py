@@ -3,17 +3,17 @@
 
 import numpy as np
 import pytest
-from conftest import refused_with, white_noise
+from conftest import refused_with
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.model.multisine import odd_lines, odd_multisine
 from osl_analysis.signals.filters import (
     LowPass,
     differentiate,
-    filtered_motion,
     longest_run,
     runs,
     sampling_rate,
+    seven_point_motion,
 )
 
 BAND = (0.5, 6.0)  # [Hz]
@@ -67,7 +67,7 @@ def test_derivatives_of_a_filtered_sine_are_its_own_at_any_rate(rate):
     time = np.arange(round(6 * rate)) / rate
     theta = 0.1 * np.sin(w * time)
 
-    motion, _ = filtered_motion(time, theta, theta, LowPass(15))
+    motion = seven_point_motion(LowPass(15)(theta, rate), rate)
 
     settled = slice(round(2 * rate), round(4 * rate))
     sine = theta[settled]
@@ -77,15 +77,6 @@ def test_derivatives_of_a_filtered_sine_are_its_own_at_any_rate(rate):
     lost = 1e-9 if rate > 890 else 1.2 * (w / rate) ** 4 / 720
     assert motion.omega[settled] == pytest.approx(velocity, abs=0.1 * w * (lost + 1e-9))
     assert motion.alpha[settled] == pytest.approx(acceleration, abs=0.1 * w**2 * (lost + 1e-9))
-
-
-def test_angle_and_torque_pass_the_same_filter():
-    time = np.arange(2000) / 1000
-    theta = white_noise(2000, 1)
-
-    motion, torque = filtered_motion(time, theta, 2 * theta, LowPass(15))
-
-    assert np.array_equal(torque, 2 * motion.theta)
 
 
 def test_the_rate_is_that_of_uniform_stamps():

@@ -107,7 +107,7 @@ def draw_figure(
     if reasons:
         figure = page_of_reasons(name, reasons)
     else:
-        figure = drawn(name, read_table(table_csv, list(plotted_columns(name))))
+        figure = drawn(name, read_plotted(name, table_csv))
         if missing:
             texts.append(f"Without {len(missing)} refused: {listing(missing, MOST_REFUSED)}")
     write_figure(figure, outputs, ". ".join(texts), footer)
@@ -116,7 +116,7 @@ def draw_figure(
 def reasons_not_drawn(name: str, table_csv: Path) -> list[str]:
     """Why a figure is not drawn from its plotted numbers; empty if it is."""
     causes = [cause.text for cause in not_analysed(table_csv)]
-    if not causes and read_table(table_csv, list(plotted_columns(name))).is_empty():
+    if not causes and read_plotted(name, table_csv).is_empty():
         return [FIGURES[name].nothing]
     return causes
 
@@ -164,9 +164,14 @@ def write_figure(
             temporary.write_bytes(page.getvalue())
 
 
+def read_plotted(name: str, table_csv: Path) -> pl.DataFrame:
+    """The plotted numbers of a figure."""
+    return read_table(table_csv, list(plotted_columns(name)))
+
+
 def caption(name: str, table_csv: Path) -> list[str]:
     """The sentences of the caption of a figure that is drawn from these plotted numbers."""
-    return caption_of(name, read_table(table_csv, list(plotted_columns(name))))
+    return caption_of(name, read_plotted(name, table_csv))
 
 
 def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> None:

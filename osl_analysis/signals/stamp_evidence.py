@@ -42,10 +42,9 @@ MOST_SPEED_NOISE = 0.2  # share of the mean square of x'; noise pulls a response
 KNOWN = 0.25  # standard error of a response above which a signal tells no hypothesis apart
 NOT_LINEAR = 0.05  # standard error beside the noise: the model is linear in the stamps
 # What decides
-# chi-square between even and true samples that makes a decision firm, and by each signal beyond
-# which a hypothesis does not fit: 22 once in 5000 times
+# chi-square between even and true samples, or between an age and none, that makes a decision firm,
+# and by each signal beyond which a hypothesis does not fit: 22 once in 5000 times
 DECISIVE = 30
-WORTH_AN_AGE = 9  # chi-square by which an age must fit better than none: three standard errors
 ROUNDED = 0.36  # decimals of scatter that rounding explains: 1/sqrt(12) = 0.29, and some noise
 # s by which the clock of an even device creeps at most, as 1000 ppm do in 400 s; a rate that
 # changes for good leaves its line by more
@@ -225,7 +224,7 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
     if min(lack_of_fit_of_even, lack_of_fit_of_true) > DECISIVE * len(evidence):
         reading = Reading(False, 0.0, False, "undecided, true: no samples of any age fit")
     elif lack_of_fit_of_even >= lack_of_fit_of_true + DECISIVE:
-        has_age = lack_of_fit[1] >= lack_of_fit_of_true + WORTH_AN_AGE
+        has_age = lack_of_fit[1] >= lack_of_fit_of_true + DECISIVE
         age = round(AGES[np.argmin(lack_of_fit[1:])], 3) if has_age else 0.0
         older = f", values {age:.1f} loops older than their stamps" if age else ""
         return Reading(False, age, True, f"true{older}: {', '.join(responses)}")

@@ -27,7 +27,7 @@ from osl_analysis.draft.overview import inspect_recording
 LABELS = Path(__file__).with_name("draft_labels.yaml")
 RATE_HZ = 100.0
 SAMPLES = 1500
-RIDGE = 0.03  # of the squares of the weights, which bounds what words in few names say
+RIDGE_ROUNDING = 0.03  # of the squares of the weights, which bounds what words in few names say
 DOUBT = 0.5  # probability of its column for a channel whose name leaves a doubt
 # what a channel alone does not tell from such a column
 AS_COLUMN = {
@@ -157,10 +157,10 @@ def fitted_weights(logs: Sequence[LabelledLog]) -> dict[str, dict[str, float]]:
         odds = np.where(mask, odds, -40.0)
         likely = np.exp(odds - odds.max(axis=1, keepdims=True))
         likely /= likely.sum(axis=1, keepdims=True)
-        slope = X.T @ (likely - share)[:, 1:] + RIDGE * weights
+        slope = X.T @ (likely - share)[:, 1:] + RIDGE_ROUNDING * weights
         return -float(
             (share * np.log(likely + 1e-300)).sum()
-        ) + RIDGE * flat @ flat / 2, slope.ravel()
+        ) + RIDGE_ROUNDING * flat @ flat / 2, slope.ravel()
 
     start = np.zeros(X.shape[1] * len(columns))
     weights = minimize(loss, start, jac=True, method="L-BFGS-B").x.reshape(X.shape[1], -1)

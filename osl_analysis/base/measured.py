@@ -20,7 +20,7 @@ SMALLEST_SIGNAL = 1e-30
 
 # Mean square of an exact fit's rounding error, as a share of the mean square of y. The processor
 # decides whether an exact fit leaves 0 or 1e-16. No result may depend on it.
-EXACT_FIT_SHARE = 1e-24
+EXACT_FIT_ROUNDING = 1e-24
 
 NORMAL_MEDIAN = 0.6745  # of |x| of a normal deviate, in standard deviations
 UNIFORM_WIDTH = math.sqrt(12)  # standard deviations that a uniform distribution is wide
@@ -68,7 +68,7 @@ def check_measured(name: str, values: ArrayLike) -> None:
 def rounding_of(y: NDArray[np.float64]) -> float:
     """Mean square of the residual that rounding leaves in an exact fit to y (n,), in y's unit
     squared; 0 if n is 0."""
-    return EXACT_FIT_SHARE * float(y @ y) / max(len(y), 1)
+    return EXACT_FIT_ROUNDING * float(y @ y) / max(len(y), 1)
 
 
 def varies(y: NDArray[np.float64]) -> bool:

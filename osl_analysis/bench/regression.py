@@ -29,7 +29,7 @@ from osl_analysis.model.drivetrain import Stiffness, linear_torque
 from osl_analysis.signals.filters import runs, seven_point_motion
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
-    SMALLEST_DIRECTION,
+    DIRECTION_ROUNDING,
     LinearFit,
     between_cycles,
     check_condition,
@@ -114,7 +114,7 @@ def left_out(A: Array, b: Array, A_g: Array, b_g: Array) -> tuple[Array, Array]:
     scale = np.sqrt(np.diag(A))
     units = np.outer(scale, scale)
     # without a group the rest may tell nothing: the interval is then very wide
-    ridge = SMALLEST_DIRECTION * np.eye(len(A))
+    ridge = DIRECTION_ROUNDING * np.eye(len(A))
     inverse = np.linalg.inv(A / units + ridge) / units
     without = np.linalg.inv((A - A_g) / units + ridge) / units
     u = np.einsum("gij,gj->gi", without, b - b_g) - inverse @ b

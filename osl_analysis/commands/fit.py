@@ -70,7 +70,7 @@ from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import estimate_text
 
 FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
-LEAST_UNEXPLAINED = 1e-6  # percent of the torque's variance; less is rounding
+VAF_ROUNDING = 1e-6  # percent of the torque's variance; less is rounding
 USUAL_OF_K_D = (0.5, 1.5)  # K over the stated K_d, beyond which a change is no remedy
 
 
@@ -385,7 +385,7 @@ class Outcome:
     @property
     def unexplained(self) -> float:
         """What the fit leaves of the torque's variance [percent]."""
-        return max(100.0 - float(self.row["VAF"]), LEAST_UNEXPLAINED)
+        return max(100.0 - float(self.row["VAF"]), VAF_ROUNDING)
 
     @property
     def text(self) -> str:

@@ -26,8 +26,8 @@ from osl_analysis.base.trial import Array
 from osl_analysis.inference.spectra import (
     BLOCKS,
     EDGE,
-    RIDGE,
-    TINY,
+    LENGTH_ROUNDING,
+    RIDGE_ROUNDING,
     BenchSignals,
     Spectra,
     friction_torques,
@@ -110,7 +110,7 @@ def frictionless_actuator(signals: BenchSignals) -> FrictionlessActuator:
     c_0, c_1, c_2, f_0, f_1, h, *_ = coefficients.T
     friction = f_0 + f_1 * mean_load
     deviation = np.linalg.norm(deviations(friction))
-    probability = scipy.special.ndtr(friction[0] / (deviation + TINY))
+    probability = scipy.special.ndtr(friction[0] / (deviation + LENGTH_ROUNDING))
     return FrictionlessActuator(np.column_stack([c_0, c_1, c_2, h]), float(probability))
 
 
@@ -132,13 +132,13 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> Array:
     near = scipy.ndimage.maximum_filter1d(slow, 2 * round(SETTLING * rate) + 1)
     slides = (spectra.time > EDGE) & (spectra.time < spectra.seconds - EDGE) & ~near
 
-    length = np.linalg.norm(columns, axis=1) + TINY
+    length = np.linalg.norm(columns, axis=1) + LENGTH_ROUNDING
     unit = columns / length[:, None]
     sliding = unit[:, slides]
     edges = np.searchsorted(spectra.relative_time[slides] * BLOCKS, np.arange(BLOCKS + 1))
     blocks = [sliding[:, first:stop] @ sliding[:, first:stop].T for first, stop in pairwise(edges)]
     total = np.sum(blocks, axis=0)
     normal = np.concatenate([total[None], total - np.array(blocks)])
-    ridge = RIDGE * np.eye(len(unit) - 1)
+    ridge = RIDGE_ROUNDING * np.eye(len(unit) - 1)
     solved = np.linalg.solve(normal[:, :-1, :-1] + ridge, normal[:, :-1, -1:])[..., 0]
     return solved * length[-1] / length[:-1]

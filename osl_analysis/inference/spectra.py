@@ -36,9 +36,9 @@ PADDING = 3.0
 SHORTEST = 6.0
 # Added to the normal equations of scaled columns; far below any that a recording tells, keeps equal
 # ones apart
-RIDGE = 1e-11
+RIDGE_ROUNDING = 1e-11
 # Length of a column of zeros, whose square is a number, too
-TINY = 1e-150
+LENGTH_ROUNDING = 1e-150
 # Power of the angle over its noise below which the band ends; noise is then 1 % of a column's
 # power at the band's end
 VISIBLE_ABOVE_NOISE = 100.0
@@ -328,8 +328,8 @@ class Spectra:
 def solve_scaled(columns: Array, torque: Array) -> Array:
     """Estimate the coefficients (k,) of columns (k, m) for a torque (m,)."""
     products = columns @ columns.T
-    length = np.sqrt(products.diagonal()) + TINY
-    normal = products / np.outer(length, length) + RIDGE * np.eye(len(length))
+    length = np.sqrt(products.diagonal()) + LENGTH_ROUNDING
+    normal = products / np.outer(length, length) + RIDGE_ROUNDING * np.eye(len(length))
     estimates = np.linalg.solve(normal, columns @ torque / length) / length
     # one step of refinement takes off what rounding of the normal matrix has added
     left = torque - estimates @ columns
@@ -369,7 +369,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
 
 
 WIDER = 5.0  # times the first width, over which the second sign changes
-LEAST_SPEED = 1e-6  # rad/s, so that no width is 0
+SPEED_ROUNDING = 1e-6  # rad/s, so that no width is 0
 
 
 def slipping_springs(angle: Array, widths: Sequence[float]) -> Array:
@@ -424,6 +424,6 @@ def friction_torques(spectra: Spectra) -> Array:
     velocity = np.gradient(spectra.sliding, spectra.padded_seconds / spectra.product_rows)
     variance = spectra.angle_noise * (2 * np.pi) ** 2 * spectra.product_band_hz**3 / 3
     usual = SIGN_WIDTH * velocity[spectra.inside].std()
-    width = max(usual, np.sqrt(variance), LEAST_SPEED)
+    width = max(usual, np.sqrt(variance), SPEED_ROUNDING)
     sliding = np.tanh(velocity / (width * np.array([[1.0], [WIDER]])))
     return np.vstack([sliding, slipping_springs(spectra.sliding, FRICTION_WINDS)])

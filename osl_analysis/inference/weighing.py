@@ -34,8 +34,8 @@ from osl_analysis.inference.candidate_models import (
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import (
     BLOCKS,
-    RIDGE,
-    TINY,
+    LENGTH_ROUNDING,
+    RIDGE_ROUNDING,
     BenchSignals,
     Spectra,
     solve_scaled,
@@ -141,11 +141,11 @@ class BlockFit:
         parts = [rows[:, first:stop] for first, stop in pairwise(self.edges)]
         matrices = np.array([part @ part.T for part in parts])
         # the matrices are scaled and not the columns, of which an hour has hundreds of megabytes
-        self.length = np.sqrt(matrices.sum(axis=0).diagonal()[:-1]) + TINY
+        self.length = np.sqrt(matrices.sum(axis=0).diagonal()[:-1]) + LENGTH_ROUNDING
         scale = np.append(self.length, 1.0)
         self.blocks = matrices / np.outer(scale, scale)
         total = self.blocks.sum(axis=0)
-        self.inverse = np.linalg.inv(total[:-1, :-1] + RIDGE * np.eye(len(self.length)))
+        self.inverse = np.linalg.inv(total[:-1, :-1] + RIDGE_ROUNDING * np.eye(len(self.length)))
         with_torque = total[:-1, -1]
         self.estimates = self.inverse @ with_torque
         self.left = float(total[-1, -1] - self.estimates @ with_torque)
@@ -154,7 +154,7 @@ class BlockFit:
         """Sum of squares (BLOCKS,) that each block has left by the fit to the others: the block is
         taken out of the sums that estimate."""
         others = self.blocks.sum(axis=0) - self.blocks
-        ridge = RIDGE * np.eye(len(self.estimates))
+        ridge = RIDGE_ROUNDING * np.eye(len(self.estimates))
         by_others = np.linalg.solve(others[:, :-1, :-1] + ridge, others[:, :-1, -1:])[..., 0]
         misses = np.hstack([by_others, -np.ones((BLOCKS, 1))])
         return np.einsum("bp,bpq,bq->b", misses, self.blocks, misses)

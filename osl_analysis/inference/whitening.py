@@ -14,8 +14,8 @@ import scipy
 from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
 from osl_analysis.inference.spectra import (
-    RIDGE,
-    TINY,
+    LENGTH_ROUNDING,
+    RIDGE_ROUNDING,
     Spectra,
     friction_torques,
     solve_scaled,
@@ -30,7 +30,7 @@ SPECTRUM_ROUNDS = 2  # the second one weighs the rich model by the spectrum that
 LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it
 # variance of the noise over the torque's mean square: a torque without noise has rounding, which is
 # not divided by, since its spectrum says nothing
-LEAST_NOISE = 1e-20
+NOISE_ROUNDING = 1e-20
 # of the recording, beside its middle, after which stiffness and damping may be others in the rich
 # model; each adds two columns
 OTHER_MOMENTS = (0.25, 0.75)
@@ -108,7 +108,7 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     rows = float(np.sum(spectra.window**2))
     passed = rows * np.maximum(spectra.roll_off**2, LEAST_GAIN)
     torque_variance = float(np.mean(np.abs(signals[-1]) ** 2)) / rows
-    least = LEAST_NOISE * max(torque_variance, np.finfo(float).tiny)
+    least = NOISE_ROUNDING * max(torque_variance, np.finfo(float).tiny)
     lines = max(round(COLOUR_BAND * spectra.padded_seconds), 1)
     gain = np.ones_like(spectra.frequency)
     for _ in range(SPECTRUM_ROUNDS):
@@ -141,8 +141,8 @@ def leverage(columns: Array) -> Array:
     """Share (f,) of the noise in each complex line that columns (k, 2 f) of real and imaginary
     parts take up: the diagonal of their hat matrix."""
     products = columns @ columns.T
-    length = np.sqrt(products.diagonal()) + TINY
-    normal = products / np.outer(length, length) + RIDGE * np.eye(len(length))
+    length = np.sqrt(products.diagonal()) + LENGTH_ROUNDING
+    normal = products / np.outer(length, length) + RIDGE_ROUNDING * np.eye(len(length))
     # columns times the root of the inverse, whose squares are the diagonal
     rooted = np.linalg.inv(np.linalg.cholesky(normal)) / length @ columns
     of_parts = np.einsum("kf,kf->f", rooted, rooted)

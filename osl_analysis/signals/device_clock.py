@@ -20,7 +20,7 @@ from osl_analysis.signals.sample_count import (
 NORMAL_90 = 3.29
 SETTLING_S = 2.0  # s within which latency comes back to its usual value
 OUTLYING_SDS = 5  # standard deviations beyond which a stamp does not count for the line
-NO_DIGIT = 1e-3  # of a decimal, by which printed stamps may miss it by rounding
+DIGIT_ROUNDING = 1e-3  # of a decimal, by which printed stamps may miss it by rounding
 ONE_SIDED = 0.5  # skewness of latency: late, never early
 # steps within which a sample follows another of its batch; also the share of rows that do
 IN_BATCH = 0.4
@@ -64,7 +64,7 @@ class DeviceClock:
         for digits in range(2, 9):
             decimal = 10.0**-digits
             rounded = np.round(since_first, digits)
-            if np.abs(since_first - rounded).max() < NO_DIGIT * decimal:
+            if np.abs(since_first - rounded).max() < DIGIT_ROUNDING * decimal:
                 return decimal
         return 0.0
 

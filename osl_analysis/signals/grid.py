@@ -33,7 +33,7 @@ BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
 
 # distance, in steps, up to which a sample lies on the grid: the rounding of a step, 1e-13 of it,
 # adds up to it in 1e8 rows
-ON_GRID = 1e-5
+GRID_ROUNDING = 1e-5
 OF_CLOCKS = 1e-3  # relative difference of two rates; a larger one is intended
 NO_GAP = 1.1  # steps between samples that are none: a tenth of a step is jitter
 BRIDGED_PERIODS = 0.1  # of the fastest motion: a cubic across a gap is wrong by 5e-4 there
@@ -232,7 +232,7 @@ def on_one_grid(
     first, last_to_begin = max((part.samples.times[0], part.stream.name) for part in leading)
     last, first_to_end = min((part.samples.times[-1], part.stream.name) for part in leading)
     # keeps a last row that rounding would cut off
-    rows = int(np.floor((last - first) / step + ON_GRID)) + 1
+    rows = int(np.floor((last - first) / step + GRID_ROUNDING)) + 1
     if rows < FEWEST_STAMPS:
         raise InputError(
             f"{last_to_begin} begins at {first:.4f} s and {first_to_end} ends at {last:.4f} s:"
@@ -385,9 +385,9 @@ def resampled(samples: Samples, grid: Array, step: float) -> dict[str, Array]:
         extrapolated: a last row that lies behind the last sample by rounding has its value.
     """
     times, values, _ = samples
-    row = np.searchsorted(times, grid[0] - ON_GRID * step)
+    row = np.searchsorted(times, grid[0] - GRID_ROUNDING * step)
     nearby = times[row : row + len(grid)]
-    if len(nearby) == len(grid) and np.max(np.abs(nearby - grid)) < ON_GRID * step:
+    if len(nearby) == len(grid) and np.max(np.abs(nearby - grid)) < GRID_ROUNDING * step:
         return {name: signal[row : row + len(grid)] for name, signal in values.items()}
 
     inside = np.clip(grid, times[0], times[-1])

@@ -16,7 +16,7 @@ from osl_analysis.base.trial import Array
 LONG_STEP = 1.5  # a longer step, in usual steps, is a gap
 # fewest samples for a meaningful line through the stamps, or a spline through the values
 FEWEST_STAMPS = 20
-SHORTEST_STEP_S = 1e-9  # s, where most rows share a stamp with the one before
+STEP_ROUNDING = 1e-9  # s, where most rows share a stamp with the one before
 MOST_LOST = 1000  # places of a count per sample; beyond it the stamps are those of batches
 NEAR_WHOLE = 0.3  # distance in steps up to which steps are counted
 LEFT_BY_MISSING = 0.7  # share of the squared residual that missing samples leave if there are any
@@ -95,7 +95,7 @@ def count_from_stamps(stamps: Array) -> SampleCount:
     """
     rows = np.arange(len(stamps))
     steps = np.diff(stamps)
-    usual = max(np.median(steps), SHORTEST_STEP_S)
+    usual = max(np.median(steps), STEP_ROUNDING)
     whole = np.maximum(np.rint(steps / usual), 1)
     is_count = whole.sum() < MOST_LOST * len(rows)
     if is_count and np.all(np.abs(steps - whole * usual) < NEAR_WHOLE * usual):

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.base.errors import IdentifiabilityError, InputError
-from osl_analysis.base.measured import EXACT_FIT_SHARE, check_finite, check_measured
+from osl_analysis.base.measured import EXACT_FIT_ROUNDING, check_finite, check_measured
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import (
     OF_ONE_TRIAL,
@@ -29,8 +29,8 @@ CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
 cause an error of 100 % in an estimate."""
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
-SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
-SAME_ROW = 1e-9  # of a row, within which an edge lies on it
+DIRECTION_ROUNDING = 1e-13  # eigenvalue over the largest one, below which it is rounding
+ROW_ROUNDING = 1e-9  # of a row, within which an edge lies on it
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def solved(A: Array, b: Array) -> tuple[Array, Array]:
     scaled, sizes = scaled_to_one(A)
     values, vectors = np.linalg.eigh(scaled)
     parts = vectors / sizes[:, None]
-    is_known = values > SMALLEST_DIRECTION * values[-1]
+    is_known = values > DIRECTION_ROUNDING * values[-1]
     weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
     inverse = parts * weights @ parts.T
     estimates = inverse @ b
@@ -221,10 +221,10 @@ def check_condition(
         )
     values, vectors = np.linalg.eigh(scaled_to_one(A)[0])
     squares = values
-    if len(varies) > 1 and values[0] > SMALLEST_DIRECTION * values[-1]:
+    if len(varies) > 1 and values[0] > DIRECTION_ROUNDING * values[-1]:
         of_varying = inverse[np.ix_(varies, varies)]
         squares = np.linalg.eigvalsh(scaled_to_one(np.asarray(np.linalg.inv(of_varying)))[0])
-    condition = np.sqrt(squares[-1] / max(squares[0], SMALLEST_DIRECTION * squares[-1]))
+    condition = np.sqrt(squares[-1] / max(squares[0], DIRECTION_ROUNDING * squares[-1]))
     if condition > limit:
         worst = sorted(np.argsort(np.abs(vectors[:, 0]))[-2:])
         first, second = (names[k] for k in worst)
@@ -291,11 +291,11 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
         X'Y of each.
     """
     edges = np.stack([first, stop], axis=1).ravel()
-    row = np.clip(np.floor(edges + SAME_ROW).astype(np.intp), 0, len(Y))
+    row = np.clip(np.floor(edges + ROW_ROUNDING).astype(np.intp), 0, len(Y))
     of_whole_rows = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
 
     share = np.maximum(edges - row, 0.0)
-    x = np.where(share < SAME_ROW, 0.0, share)
+    x = np.where(share < ROW_ROUNDING, 0.0, share)
     around = row + np.array([[-1], [0], [1]])
     inside = np.clip(around, 0, len(Y) - 1)
     lagrange = np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)])
@@ -319,7 +319,7 @@ def vaf_by_moments(unexplained: ArrayLike, variance: ArrayLike, mean_square: Arr
     """`variance_accounted_for` [percent] by the variance of the residual, and the variance and the
     mean square of y, of (k,) fits or of one."""
     unexplained, variance = np.asarray(unexplained), np.asarray(variance)
-    rounding = EXACT_FIT_SHARE * np.asarray(mean_square)
+    rounding = EXACT_FIT_ROUNDING * np.asarray(mean_square)
     of_constant = np.where(unexplained > rounding, 1.0, 0.0)
     share = np.divide(unexplained, variance, out=of_constant, where=variance > rounding)
     return 100 * (1 - share)

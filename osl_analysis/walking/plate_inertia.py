@@ -88,7 +88,7 @@ LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its l
 SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
 LARGEST_NOISE_SHARE = 0.5  # of a direction's power, or of a wrench's that follows a motion
 LARGEST_LAG_S = 0.012
-LEAST_SE_S = 1e-6  # of a lag: rounding
+LAG_ROUNDING = 1e-6  # of a lag: rounding
 LAG_ROUNDS = 4  # of lag and inertia in turn, and of a lag to first order
 LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
 CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
@@ -614,7 +614,7 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
                 motion.name,
                 time=float(motion.time[rows] @ np.sum(by_lag**2, axis=1) / square),
                 lag=float(lag),
-                se=max(float(np.sqrt(met @ met / len(of_turn)) / square), LEAST_SE_S),
+                se=max(float(np.sqrt(met @ met / len(of_turn)) / square), LAG_ROUNDING),
             )
         )
     return turns

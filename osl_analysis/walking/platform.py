@@ -30,7 +30,7 @@ from osl_analysis.walking.walking_settings import PlatformSettings
 FEWEST_FRAMES = 10  # for a position at rest
 # speed over its noise above which a platform moves; at rest, 1 frame in 10^7 is above
 STILL = 7.0
-LEAST_NOISE_M = 2e-7  # of a marker: single precision at 1 m
+MARKER_ROUNDING = 2e-7  # of a marker: single precision at 1 m
 MARGIN_OVER_NOISE = 1.3  # of a direction's mean square over the largest that noise would show
 
 
@@ -195,7 +195,7 @@ def platform_track(
     )
     measured = pose.as_exp_coords() @ screw_scale(reference).T
 
-    track = PlatformTrack(trial, time, reference, measured, settings.low_pass, LEAST_NOISE_M)
+    track = PlatformTrack(trial, time, reference, measured, settings.low_pass, MARKER_ROUNDING)
     step = round(2 * track.spread * rate)  # speeds so far apart hardly share noise
     velocity = track.velocity
     bends = np.abs(velocity[step:-step] - (velocity[: -2 * step] + velocity[2 * step :]) / 2)
@@ -203,7 +203,7 @@ def platform_track(
         return track
     of_speed = QUARTILE_TO_SD * np.quantile(bends, 0.25) / np.sqrt(1.5)
     noise = of_speed / np.sqrt(noise_gain(track.low_pass, rate, 1))
-    return replace(track, noise=max(noise, LEAST_NOISE_M))
+    return replace(track, noise=max(noise, MARKER_ROUNDING))
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
@@ -253,7 +253,7 @@ BEFORE_RAMP = SINCE_MIDDLE < -0.1
 MEAN_ROUNDS = 6  # of mean and alignment in turn; four reduce an error of 5 ms to 1e-5 s
 LARGEST_LACK_OF_FIT_OF_RAMP = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
 LEAST_LACK_OF_FIT = 0.002  # of a height, that lines between frames leave of an exact ramp
-LEAST_RAMP_NOISE = 1e-6  # of a mean ramp, as a share of its height
+RAMP_ROUNDING = 1e-6  # of a mean ramp, as a share of its height
 USUAL_STEP = 3  # minimum jerk
 FAR_MORE_LIKELY = 30.0  # decrease of chi-square for which another step replaces the usual one
 PLATEAU = 0.95  # of the largest turn, above which the ramp has ended
@@ -352,7 +352,7 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     starts of two steps that fit equally well differ by 6 to 10 % of the rise.
     """
     height = ramp[ramp > PLATEAU * ramp.max()].mean()
-    noise = max(ramp[BEFORE_RAMP].std(), LEAST_RAMP_NOISE * height)
+    noise = max(ramp[BEFORE_RAMP].std(), RAMP_ROUNDING * height)
     half, end = (np.argmax(ramp >= share * height) for share in (0.5, FITTED_RISE))
     quarter = np.argmax(ramp >= height / 4)
     duration = 4 * max(time[half] - time[quarter], STEP_S)

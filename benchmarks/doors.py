@@ -178,8 +178,8 @@ print((time.process_time() - before) / len(tables))
 """
 SIMULATE = """import sys
 from pathlib import Path
-from osl_analysis.commands.simulate import simulate_trial
-simulate_trial(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
+from osl_analysis.commands.simulate import simulate_planned_trial
+simulate_planned_trial(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
 """
 
 

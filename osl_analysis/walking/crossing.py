@@ -20,15 +20,12 @@ from osl_analysis.signals.filters import longest_run, runs, sampling_rate
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
-    SINGLE_SUPPORT,
     Stance,
     WrenchReader,
     check_plate,
     check_type_on_platform,
     check_vertical,
-    furthest_outside,
     only_stance,
-    phases_between,
     recorded_corners,
     zeroed_wrench,
 )
@@ -44,6 +41,7 @@ from osl_analysis.walking.poses import (
 from osl_analysis.walking.set_up import (
     CrossingQuality,
     check_followed,
+    check_on_plate,
     check_onset,
     check_place,
     check_roll,
@@ -55,7 +53,6 @@ from osl_analysis.walking.walking_settings import CrossingSettings
 
 PRESSED_N = 100.0  # vertical force above which a centre of pressure is defined
 SPARE_S = 0.1  # before and after stance, for the low-pass
-BESIDE_M = 0.15  # half a foot: an ankle that is farther beside the plate does not load it
 
 VERTICAL = np.array([0.0, 0.0, 1.0])
 
@@ -224,6 +221,8 @@ def recorded_passage(
 
     for segment, pose in recorded.items():
         check_followed(segment, frames, pose, stance, settings.largest_residual_mm)
+    of_foot = recorded["foot"].points(reference["foot"])
+    check_on_plate(settings.plate, frames, of_foot, stance, corners)
     ramp = platform.ramp_of(frames, recorded["platform"], settings.smallest_turn)
     check_turn(ramp is not None, perturbed)
     if ramp is not None and onset is None:
@@ -399,14 +398,6 @@ def analyse_crossing(
 
     # Angle
     ankle = ankle_between(foot, shank, calibration)
-    stands = phases_between(phase, SINGLE_SUPPORT)
-    outside_m = furthest_outside(ankle.centre[stands], passage.corners)
-    if outside_m > BESIDE_M:
-        raise InputError(
-            f"the ankle is {100 * outside_m:.0f} cm beside force plate {settings.plate} while it"
-            " is loaded: another foot stands on it",
-            "state the plate under this foot as `walking.plate`",
-        )
     _, ahead = ankle.along(shank.position - ankle.centre)
     check_side(phase, ahead)
 

@@ -403,13 +403,6 @@ def exclusion_reason(
                 " the plate, somebody leans on a rail, the plate's gain is wrong, or the body mass"
                 " (is it in pounds?)"
             )
-    outside = crossing.quality.foot_outside_m
-    if outside > settings.largest_outside_m:
-        return (
-            f"a foot marker lies {100 * outside:.1f} cm outside the plate while the foot is flat,"
-            f" expected {100 * settings.largest_outside_m:g} cm or less: the foot stands beside the"
-            " plate, or its corners are wrong"
-        )
     furthest = max(features, key=lambda feature: feature.distance[index])
     distance = furthest.distance[index]
     if not distance > settings.outliers.limit:

@@ -316,7 +316,7 @@ def isolate_response(
         raise InputError(
             f"trial {crossing.name}: baseline and window span {first_phase:.2f}-{last_phase:.2f}"
             " of stance, expected 0-1",
-            "shorten window_s, baseline_s or guard_s, or exclude the trial",
+            "exclude the trial, or turn the platform nearer to midstance",
         )
     phase = np.clip(phase, 0.0, 1.0)
 

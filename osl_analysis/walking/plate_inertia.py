@@ -76,7 +76,7 @@ from osl_analysis.walking.poses import (
     StoredArray,
     cross_matrix,
 )
-from osl_analysis.walking.set_up import check_place
+from osl_analysis.walking.set_up import check_place, marker_noise_ratio
 from osl_analysis.walking.walking_settings import PlateModelSettings, PlatformSettings
 
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m
@@ -192,12 +192,16 @@ def identify_plate_model(
     for problem in problems:
         advise(f"excluded from the plate's model: {problem}")
 
+    names = settings.markers.platform
+    colours = {trial.name: marker_noise_ratio(trial, names) for trial, _ in pairs}
     axes_of_each = platform.shared_directions([recording.track for recording in usable])
     motions = [recording.along(axes) for recording, axes in zip(usable, axes_of_each, strict=True)]
     model = plate_model(motions)
     for _ in range(LAG_ROUNDS):
         noise = np.concatenate([resting_noise(motion, model) for motion in motions])
-        turns = [turn for motion in motions for turn in unloaded_turns(motion, model, noise)]
+        turns = []
+        for motion in motions:
+            turns += unloaded_turns(motion, model, noise, colours[motion.name])
         model = plate_model(motions, turns)
     parts = [motion.shown(model.lag or 0.0).parts(motion.moves) for motion in motions]
     model = with_height(model, [part for of_motion in parts for part in of_motion])
@@ -540,8 +544,11 @@ def without_mean(values: Array) -> Array:
     return values - values.mean(axis=0)
 
 
-def unloaded_turns(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[TurnLag]:
+def unloaded_turns(
+    motion: UnloadedMotion, model: PlateModel, noise: Array, noise_ratio: float | None
+) -> list[TurnLag]:
     """The lag in each turn of a recording of the unloaded plate; none if the plate is too light.
+    `noise_ratio` tells whether its markers were smoothed.
 
     Raises
     ------
@@ -552,11 +559,17 @@ def unloaded_turns(motion: UnloadedMotion, model: PlateModel, noise: Array) -> l
     lag = mean_lag(turns or []) or 0.0
     if turns is None or abs(lag) > LARGEST_LAG_S:
         late = f", but comes {1e3 * lag:.0f} ms later" if turns else ""
+        if noise_ratio is not None:
+            late += (
+                f". Its markers' noise near half their rate is {noise_ratio:.1g} times that at a"
+                " tenth of it, of raw ones 0.07 to 1"
+            )
         raise InputError(
             f"trial {motion.name}: the unloaded plate's wrench does not follow its motion within"
             f" {LARGEST_LAG_S * 1e3:g} ms{late}",
-            "name the plate that moves under `walking.plate`, synchronise the recorders, or"
-            " check markers, channels and low-passes of the amplifier",
+            "export markers that were smoothed without a filter; else name the plate that moves"
+            " under `walking.plate`, synchronise the recorders, or check channels and low-passes of"
+            " the amplifier",
             trial=motion.name,
         )
     return turns
@@ -588,11 +601,13 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
     Returns
     -------
     list of TurnLag or None
-        Without turns that hardly change the wrench; None if the wrench
-        of one does not follow the motion.
+        Without turns that hardly change the wrench, and those that it does not follow: noise of
+        hidden markers may look like a motion. None if it does not follow all of them together.
     """
     rate = sampling_rate(motion.time)
     turns = []
+    unexplained = 0.0  # squares of all turns
+    recorded = 0.0
     for rows in runs(motion.moves):
         expected = without_mean(motion.columns[rows] @ model.parameters) * WEIGHT
         if np.sum(expected**2) < len(expected) * LIGHT**2:
@@ -603,8 +618,12 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
         for _ in range(LAG_ROUNDS):
             wrench = without_mean(motion.wrench_at(lag)[rows]) * WEIGHT
             lag += np.sum(by_lag * (wrench - expected)) / square
-        if np.sum((wrench - expected) ** 2) > LARGEST_NOISE_SHARE * np.sum(wrench**2):
-            return None
+        residual = np.sum((wrench - expected) ** 2)
+        square_of_wrench = np.sum(wrench**2)
+        unexplained += residual
+        recorded += square_of_wrench
+        if residual > LARGEST_NOISE_SHARE * square_of_wrench:
+            continue
 
         # over all times at which the turn may meet the noise; without rests, its own residual
         of_turn = noise if len(noise) else wrench - expected
@@ -617,7 +636,7 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
                 se=max(float(np.sqrt(met @ met / len(of_turn)) / square), LAG_ROUNDING),
             )
         )
-    return turns
+    return None if unexplained > LARGEST_NOISE_SHARE * recorded else turns
 
 
 def with_height(model: PlateModel, recordings: Sequence[Shown]) -> PlateModel:

@@ -36,6 +36,7 @@ SLOW_NOISE = (0.05, 0.12)  # frequencies of marker noise, as shares of their rat
 FAST = (0.4, 0.5)
 LEAST_RESIDUAL_M = 1e-5  # of a foot's rigid body: what is less is no measured one
 OTHER_PLACE_M = 0.1  # between the centres of two plates
+LARGEST_OUTSIDE_M = 0.02  # of a foot marker from the plate: markers stand so far off the sole
 LATE = (0.6, SINGLE_SUPPORT[1])  # phases in which every foot pushes off, the toes down
 SMALLEST_CHANGE = np.array([0.03, 20.0])  # of roll [m] and push [N] that have a direction
 # its largest angle from forward: a foot out-toes by 20 deg, and the side force of slow gait changes
@@ -100,7 +101,6 @@ def root_mean_square(distances: Array) -> float:
 class CrossingQuality:
     """Measures of one crossing; None where unknown. The dictionary says what each is."""
 
-    foot_outside_m: float = 0.0
     cop_outside_m: float | None = None
     different: str | None = None
     different_mm: float | None = None
@@ -127,7 +127,6 @@ def crossing_quality(
     unlike_static = differences(trial, passage, ankle, calibration, settings)
     different = max(unlike_static, key=lambda what: unlike_static[what])
     return CrossingQuality(
-        foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
         cop_outside_m=cop_outside(pressure, markers),
         different=different,
         different_mm=1e3 * unlike_static[different],
@@ -208,6 +207,20 @@ def check_followed(
         )
 
 
+def check_on_plate(plate: int, frames: Array, foot: Array, stance: Stance, corners: Array) -> None:
+    """Refuse a foot whose markers (k, m, 3) [m] lie beside the plate while this is loaded."""
+    flat = phases_between(stance.phase(frames), FLAT)
+    outside_m = furthest_outside(foot[flat].reshape(-1, 3), corners)
+    if outside_m > LARGEST_OUTSIDE_M:
+        raise InputError(
+            f"a foot marker lies {100 * outside_m:.1f} cm beside force plate {plate} while a flat"
+            f" foot loads it, expected {100 * LARGEST_OUTSIDE_M:g} cm or less: another foot stands"
+            " on it, or a part of this one beside it",
+            "state the plate under this foot as `walking.plate`, correct its corners, or exclude"
+            " the trial",
+        )
+
+
 def check_turn(turns: bool, perturbed: bool) -> None:
     """Refuse a platform that turns although the sheet says that it does not, or the other way."""
     if turns != perturbed:
@@ -226,7 +239,8 @@ def check_onset(onset: float, stance: Stance, settings: CrossingSettings) -> Non
         raise InputError(
             f"baseline and window of the perturbation, {first:.3f}-{last:.3f} s, leave stance"
             f" {stance.heel_strike:.3f}-{stance.toe_off:.3f} s",
-            "exclude the trial, or shorten window_s, baseline_s or guard_s",
+            "exclude the trial, or turn the platform nearer to midstance; if stance is cut short in"
+            " all trials, a part of the foot stands beside the plate",
         )
 
 

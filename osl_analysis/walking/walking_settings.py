@@ -174,8 +174,6 @@ class SelectionSettings(TimingSettings):
     outliers: OutlierRule  # Rule by which crossings are compared and excluded
     # in single support, as a share of the weight
     load_of_weight: Annotated[tuple[Load, Load], AfterValidator(check_rising)]
-    # of a foot marker [m] from the plate while the foot is flat
-    largest_outside_m: ClassVar[float] = 0.02
 
 
 class WalkingAnalysis(CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings):

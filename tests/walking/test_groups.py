@@ -30,7 +30,7 @@ from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
 from osl_analysis.walking.plate_lag import PlateTiming
-from osl_analysis.walking.set_up import CrossingQuality, cop_outside
+from osl_analysis.walking.set_up import cop_outside
 from osl_analysis.walking.tables import fitted_time, group_headline, set_up_difference
 
 MIDSTANCE = Walk(0.4)
@@ -265,11 +265,8 @@ def test_crossings_that_start_otherwise_do_not_tell_a_usual_stance():
 @pytest.mark.parametrize(("changed", "message"), [
     (loaded(LAST, mass=70), None),
     (loaded(LAST, share=0.6), None),  # of a person whose mass nobody states
-    (replace(LAST, quality=CrossingQuality(foot_outside_m=0.02)), None),
     (loaded(LAST, share=0.6, mass=70), "plate.* 0.5"),
     (loaded(LAST, mass=35), "plate.* 1."),
-    (replace(LAST, quality=CrossingQuality(foot_outside_m=0.05)),
-     "foot.* 5.0 cm"),
 ])  # fmt: skip
 def test_a_load_far_from_the_known_weight_is_excluded(changed, message):
     (row,) = selected([changed], settings()).values()

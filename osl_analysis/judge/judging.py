@@ -192,7 +192,8 @@ def findings_of_row(
             grade = Grade(rule.grade)
             found.append(Finding(rule.finding, grade=grade, says=rule.says, remedy=rule.remedy))
     order = list(Grade)
-    found.sort(key=lambda finding: order.index(finding.grade))
+    # a named cause before what nothing explains
+    found.sort(key=lambda each: (order.index(each.grade), each.name == UNEXPLAINED))
     subject = subject_of(row)
     amplitude_deg = cell_number(row, "amplitude_deg")
     return [

@@ -49,6 +49,14 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
     assert beyond_in(doubts({"fit": float("nan")}, {}, {"fit": 90})) == {"fit": "nan"}
 
 
+def test_a_named_cause_stands_before_torque_that_nothing_explains():
+    group = {"group": "all", "VAF": 60.0, "marker_noise_ratio": 1e-7}
+
+    found = findings_of(group, Limits(below={"VAF": 80.0}), "walking_groups")
+
+    assert [each.name for each in found] == ["smoothed_markers", "unexplained_torque"]
+
+
 @pytest.mark.parametrize(("value", "limit", "side", "excess"), [
     (30.0, 90.0, "below", 3.0), (-1.5, -0.5, "below", 3.0),
     (-5.0, 0.0, "below", float("inf")),

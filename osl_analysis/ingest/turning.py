@@ -11,15 +11,14 @@ import numpy as np
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.recording import Channel, Recording
 from osl_analysis.base.trial import Array, unit_of
-from osl_analysis.base.units import EXAMPLES, si_factor
+from osl_analysis.base.units import si_factor
 from osl_analysis.draft.likelihood import kinds_of_words, parted_name
 from osl_analysis.draft.recorded_channel import likely_unit, name_and_ending
 from osl_analysis.signals.agreement import turn_ratio, turns
 
 BESIDE = "beside "  # begins the key of a channel that turns, and that no column reads
-SI_UNITS = {"speed": "rad/s", "angle": "rad"}
-SIDES = ("joint", "motor")  # of a gear
-NOT_MEASURED = {"command", "derived", "other"}  # by the words of a name without a unit
+SPEED = "rad/s"
+TURNING = ("rad", SPEED)  # SI units of what turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,25 +29,22 @@ class Turning:
     ----------
     name
         Its column, or its key in the file.
-    side
-        That of a gear: `motor` or `joint`; empty where nothing tells it.
+    is_of_motor
+        Whether it is called so.
     turned
-        How far in short times, shape (spans,), in its unit.
-    factors
-        Those that its unit may have to the SI unit (units,).
+        How far in short times [rad], shape (spans,).
     """
 
     name: str
     is_speed: bool
-    side: str
+    is_of_motor: bool
     turned: Array
-    factors: Array
 
 
 def turns_beside(recording: Recording, asked: Mapping[str, Channel]) -> dict[str, Channel]:
     """The channels that turn in the rows of asked ones, and that none of these is, by the key that
     tells them from columns."""
-    if not any(unit_of(column) in SI_UNITS.values() for column in asked):
+    if not any(unit_of(column) in TURNING for column in asked):
         return {}
     rows = {(channel.rows.name, channel.rows.count) for channel in asked.values()}
     keys = {channel.key for channel in asked.values()}
@@ -57,7 +53,8 @@ def turns_beside(recording: Recording, asked: Mapping[str, Channel]) -> dict[str
         for channel in recording.channels
         if (channel.rows.name, channel.rows.count) in rows
         and channel.key not in keys
-        and kind_of(channel)
+        and unit_of_turning(channel)[0]
+        and "command" not in kinds_of(channel)
     }
 
 
@@ -67,22 +64,12 @@ def kinds_of(channel: Channel) -> set[str]:
     return kinds_of_words(parted_name(name_and_ending(name)[0]))
 
 
-def told_unit(channel: Channel) -> str:
-    """The unit of a channel: stated, or by its name."""
-    return channel.unit or channel.likely_unit or likely_unit(channel.name)
-
-
-def kind_of(channel: Channel) -> str:
-    """Whether a channel is an `angle` or a `speed`, by its unit, or by its name where it has none;
-    empty if neither, and of a command."""
-    unit = told_unit(channel)
-    kinds = kinds_of(channel)
-    if unit:
-        is_measured = "command" not in kinds
-        kinds = {kind for kind in SI_UNITS if factor_or_nan(unit, SI_UNITS[kind]) > 0}
-    else:
-        is_measured = kinds.isdisjoint(NOT_MEASURED)
-    return next((kind for kind in SI_UNITS if is_measured and kind in kinds), "")
+def unit_of_turning(channel: Channel) -> tuple[str, float]:
+    """The SI unit of an angle or a speed, by the unit that is stated or that the name tells, and
+    its factor; empty for anything else."""
+    unit = channel.unit or channel.likely_unit or likely_unit(channel.name)
+    factors = {si_unit: factor_or_nan(unit, si_unit) for si_unit in TURNING}
+    return next(((si_unit, factor) for si_unit, factor in factors.items() if factor > 0), ("", 0.0))
 
 
 def factor_or_nan(unit: str, si_unit: str) -> float:
@@ -92,34 +79,6 @@ def factor_or_nan(unit: str, si_unit: str) -> float:
         return si_factor(unit, si_unit)
     except InputError:
         return np.nan
-
-
-def turning_column(column: str, time: Array, in_si: Array) -> Turning:
-    """A column in its SI unit (n,) at times (n,) [s]."""
-    is_speed = unit_of(column) == SI_UNITS["speed"]
-    side = "motor" if column.endswith("_m") else "joint"
-    return Turning(column, is_speed, side, turns(time, in_si, is_speed), np.ones(1))
-
-
-def turning_channel(channel: Channel, time: Array, readings: Array) -> Turning:
-    """A channel that no column reads, by its readings (n,) at times (n,) [s]. A unit that nobody
-    states may be any usual one."""
-    kind = kind_of(channel)
-    si_unit = SI_UNITS[kind]
-    unit = told_unit(channel)
-    factors = [si_factor(unit, si_unit)] if unit else [*EXAMPLES[si_unit].values()]
-    turned = turns(time, readings, kind == "speed")
-    sides = kinds_of(channel).intersection(SIDES)
-    side = max(sides, default="")  # the motor of a joint is the motor's side
-    return Turning(f"'{channel.key}'", kind == "speed", side, turned, np.array(factors))
-
-
-def ratio_of(one: Turning, other: Turning) -> float:
-    """How many times as far another turns: of units that may be, in those by which it is nearest to
-    1. NaN where it does not follow."""
-    units = np.divide.outer(other.factors, one.factors).ravel()
-    possible = turn_ratio(one.turned, other.turned) * units
-    return float(possible[np.abs(np.log(possible)).argmin()])
 
 
 def told_of_turns(
@@ -142,29 +101,33 @@ def told_of_turns(
         Of `speeds`, a speed over the change of its angle, one of which is the column; of `gears`,
         how many times as far the motor's side turns as the column, the joint's angle.
     """
-    own = [
-        turning_column(column, time, in_si)
-        for column, in_si in columns.items()
-        if unit_of(column) in SI_UNITS.values() and "command" not in column
-    ]
-    others = [
-        turning_channel(channel, time, readings)
-        for channel, readings in beside
-        if told_unit(channel) or (readings != np.rint(readings)).any()  # else counts of an encoder
-    ]
+    turning = []
+    for column, in_si in columns.items():
+        unit = unit_of(column)
+        if unit in TURNING and "command" not in column:
+            turned = turns(time, in_si, unit == SPEED)
+            turning.append(Turning(column, unit == SPEED, column.endswith("_m"), turned))
+    for channel, readings in beside:
+        unit, factor = unit_of_turning(channel)
+        turned = factor * turns(time, readings, unit == SPEED)
+        is_of_motor = "motor" in kinds_of(channel)
+        turning.append(Turning(f"'{channel.key}'", unit == SPEED, is_of_motor, turned))
+
     speeds = {}
-    for angle, other in product([*own, *others], repeat=2):
-        ratio = np.nan if angle.is_speed else ratio_of(angle, other)
-        is_gear = angle.name == "theta" and other.side == "motor"
-        if np.isfinite(ratio) and is_gear and other.factors.size == 1:
-            yield angle.name, "gears", other.name, ratio
-        elif np.isfinite(ratio) and other.is_speed and {angle.side, other.side} != {*SIDES}:
+    for angle, other in product(turning, turning):
+        ratio = turn_ratio(angle.turned, other.turned)
+        if angle.is_speed or np.isnan(ratio):
+            continue
+        if angle.name == "theta" and other.is_of_motor:
+            yield "theta", "gears", other.name, ratio
+        elif other.is_speed:
             speeds[angle, other] = ratio
     for pair, ratio in speeds.items():
         # where either is nearer to another one, as to that of another joint, they are of two
-        sharing = [other for two, other in speeds.items() if {*pair} & {*two}]
+        sharing = [each for two, each in speeds.items() if {*pair} & {*two}]
         is_nearest = abs(np.log(ratio)) <= np.abs(np.log(sharing)).min()
-        for column, other in (pair, pair[::-1]):
-            if is_nearest and column in own:
-                yield column.name, "speeds", other.name, ratio
-                break
+        angle_name, speed_name = (each.name for each in pair)
+        if is_nearest and angle_name in columns:
+            yield angle_name, "speeds", speed_name, ratio
+        elif is_nearest and speed_name in columns:
+            yield speed_name, "speeds", angle_name, ratio

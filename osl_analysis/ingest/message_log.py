@@ -91,9 +91,13 @@ def convert_topic(
     columns, origins, remarks = canonical_columns(of_topic, asked, values, rows, time)
     # a message that is later than others by more was not only late
     fresh, stale = fresh_rows(rows, stamps, least=SECOND_NS)
-    table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]
-    remarks += stale
-    once = table.unique(maintain_order=True)  # messages that were sent twice
+    table = pl.DataFrame([pl.Series("stamp", stamps), *columns])
+    if stale:
+        table = table[fresh]
+        remarks += stale
+    once = table
+    if (table["stamp"].diff() <= 0).any():  # else none was sent twice, which takes long to tell
+        once = table.unique(maintain_order=True)
     copies = len(table) - len(once)
     late = count_late(once["stamp"].to_numpy())
     if late:

@@ -31,11 +31,12 @@ def turns(time: Array, readings: Array, is_speed: bool) -> Array:
     if not known.any():
         return np.empty(0)
     begins = np.arange(time[0], time[-1] - COMPARED_S, COMPARED_S / 10)
-    at = time[known]
-    angle = readings[known]
+    if not known.all():  # a copy of an hour takes as long as what is done here
+        time = time[known]
+        readings = readings[known]
     if is_speed:
-        angle = np.append(0.0, np.cumsum(angle[1:] * np.diff(at)))
-    return np.interp(begins + COMPARED_S, at, angle) - np.interp(begins, at, angle)
+        readings = np.append(0.0, np.cumsum(readings[1:] * np.diff(time)))
+    return np.interp(begins + COMPARED_S, time, readings) - np.interp(begins, time, readings)
 
 
 def turn_ratio(turned: Array, others: Array) -> float:

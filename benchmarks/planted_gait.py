@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from osl_analysis.base.errors import OslAnalysisError
 from osl_analysis.base.trial import Trial, marker_columns, plate_columns
 from osl_analysis.campaign.configuration import config_for_trials
+from osl_analysis.stats.budget import QUANTITIES
 from osl_analysis.walking.crossing import analyse_crossing
-from osl_analysis.walking.impedance_fit import ESTIMATED
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate_inertia import identify_plate_model
 from osl_analysis.walking.plate_lag import timing_of
@@ -382,8 +382,8 @@ def main() -> None:
             for is_mirrored in (False, True):
                 campaign = Laboratory(walkway, seed, is_mirrored).campaign()
                 headline = headline_of(campaign, settings)
-                true = np.array([getattr(walkway, name) for name in ESTIMATED])
-                budgets = [headline.ensemble.budgets[name] for name in ESTIMATED]
+                true = np.array([getattr(walkway, name) for name in QUANTITIES])
+                budgets = [headline.ensemble.budgets[name] for name in QUANTITIES]
                 found = np.array([budget.value for budget in budgets])
                 low = np.array([budget.low for budget in budgets])
                 high = np.array([budget.high for budget in budgets])

@@ -167,7 +167,7 @@ def branches_of(record: Record, loaded_share: float = LOADED) -> Groups:
         np.concatenate([branch.first for branch in branches]),
         np.concatenate([branch.stop for branch in branches]),
         np.repeat([0, 1], [len(branch.first) for branch in branches]),
-        tuple(Stratum(label, repeats=False) for label in BRANCHES),
+        tuple(Stratum(label) for label in BRANCHES),
     )
 
 

@@ -13,7 +13,6 @@ import polars as pl
 from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_models
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
-    WITHOUT_FRICTION,
     actuator_of_leg,
     coulomb_fits,
     fit_less,
@@ -22,7 +21,7 @@ from osl_analysis.bench.friction import (
     is_friction_untold,
     with_other_shapes,
 )
-from osl_analysis.bench.impedance import QUANTITIES, Analysis, parts_of, range_over
+from osl_analysis.bench.impedance import Analysis, parts_of, range_over
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
@@ -36,7 +35,15 @@ from osl_analysis.model.drivetrain import (
     StatedOfDevice,
     dynamic_stiffness,
 )
-from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, unknown
+from osl_analysis.stats.budget import (
+    LIKELY,
+    QUANTITIES,
+    WITHOUT_FRICTION,
+    Budget,
+    Contribution,
+    Row,
+    unknown,
+)
 from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.rounding import significant
 

@@ -17,6 +17,7 @@ import numpy as np
 from osl_analysis.base.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis
+from osl_analysis.bench.motion import EDGE_PERIODS
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
     BEYOND,
@@ -39,13 +40,6 @@ from osl_analysis.inference.actuator import MISSED_OF_FRICTION, deviations
 from osl_analysis.inference.spectra import FRICTION_WINDS, slipping_springs
 from osl_analysis.stats.linear_fit import LinearFit
 
-WITHOUT_FRICTION = {
-    "T_C": "f_C",
-    "B": "B_viscous",
-    "K": "K_without_friction",
-    "I": "I_without_friction",
-}
-"""Columns of a friction, and of K, B and I without it."""
 AT_REST = 0.1  # SD of the velocity, below which a joint rests
 # share of the rows at rest, above which it mostly rests: 0.77 to 0.87 under binary steps, of ramps
 # and a hand at most 0.56
@@ -146,7 +140,7 @@ def raw_signals(record: Record, **actuator: Array | None) -> BenchSignals:
     """The raw signals of a record near the fitted rows, since the inference finds their band
     itself; `actuator` has those of a leg's."""
     # the ends of fitted stretches are left out for the sake of the fit's own filter
-    edge = round(2 * record.rate_hz / record.settings.cutoff_hz)
+    edge = round(EDGE_PERIODS * record.rate_hz / record.settings.cutoff_hz)
     return BenchSignals(
         theta=record.theta,
         torque=record.torque,

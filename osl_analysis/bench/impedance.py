@@ -33,7 +33,6 @@ from osl_analysis.signals.filters import LowPass, sections_of, seven_point_motio
 from osl_analysis.stats.budget import Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit, products_between, solved
 
-QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
 SAME_FREQUENCY_RATIO = 1.02  # ratio of frequencies below which noise alone would tell K from I
 FEWEST_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion

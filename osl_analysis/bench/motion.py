@@ -20,7 +20,7 @@ from osl_analysis.bench.record import (
     unlike_groups,
     whole_rows,
 )
-from osl_analysis.signals.filters import power_density, runs
+from osl_analysis.signals.filters import HIGHEST_CUTOFF, power_density, runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
     UniformSignals,
@@ -123,7 +123,7 @@ def record_of_trial(
     same = settings.low_pass
     actuator = {name: same(measured[name], rate_hz) for name in beside if name in measured}
     if "theta_m" in actuator:  # behind a wide filter too, for the velocity's sign
-        wide = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate_hz))
+        wide = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, HIGHEST_CUTOFF * rate_hz))
         actuator["wide_band_theta_m"] = wide(measured["theta_m"], rate_hz)
     return replace(record, actuator=actuator)
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from osl_analysis.base.measured import visible_step
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import BenchAnalysis
-from osl_analysis.inference.rounding_errors import BESIDE_CUTOFF, noise_beyond
-from osl_analysis.signals.filters import Motion, seven_point_motion
+from osl_analysis.inference.spectra import HIGHEST_OF_RATE
+from osl_analysis.signals.filters import Motion, power_density, seven_point_motion
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral.periodic import PeriodicMotion
 
@@ -23,8 +23,9 @@ STIFFNESS_ALONE = "or record slow cycles (experiment 'torque_angle') for the sti
 # jerk and snap are read with sixteen rows a period of the cut-off
 COARSE_CUTOFFS = 16.0
 SPECTRUM_POINTS = 500  # lines of white noise, and rates of steps
+BESIDE_CUTOFF = (2.0, 4.0)  # cut-offs, between which a low-pass removes all, and motion is slower
 HARMONICS = 40  # of slow steps, which reach from a dwell of a second to the filter
-EDGE_ROUNDING = 1e-6  # rows; edges of groups are sums of numbers that are rounded
+EDGE_ROUNDING = 1e-6  # rows, of edges of groups and quotients of rates, which are rounded
 
 
 Label = float | str | None
@@ -38,7 +39,6 @@ class Stratum(NamedTuple):
     # of a sine
     frequency_hz: float = np.nan  # [Hz]
     commanded_deg: float | None = None  # amplitude [deg] in the protocol
-    repeats: bool = True  # whether its groups repeat one another
 
 
 @dataclass(frozen=True)
@@ -64,9 +64,8 @@ class Groups:
 
     def repeat(self) -> NDArray[np.bool_]:
         """Which groups (m,) repeat others; a group alone in its stratum repeats none."""
-        may_repeat = np.array([stratum.repeats for stratum in self.strata])
-        members = np.bincount(self.stratum, minlength=len(self.strata))
-        return (may_repeat & (members > 1))[self.stratum]
+        members = np.bincount(self.stratum)[self.stratum]
+        return (members > 1) & (self.kind != "stretches")
 
     def cover(
         self, is_chosen: NDArray[np.bool_], rows: int, edge: float = 0.0
@@ -169,9 +168,13 @@ class Record:
         as white.
         """
         rows = self.is_fitted()
+        # above these a slow motion has less of its rounding; a slow recorder has its highest ones
         beside_hz = np.array(BESIDE_CUTOFF) * self.settings.cutoff_hz
+        above_hz, below_hz = np.minimum(beside_hz, self.rate_hz * np.array(HIGHEST_OF_RATE))
         removed = (self.theta - self.motion.theta)[rows]
-        density = noise_beyond(removed, self.rate_hz, self.settings.cutoff_hz)
+        second = min(round(self.rate_hz), len(removed))
+        frequency, densities = power_density(removed, self.rate_hz, second)
+        density = np.median(densities[(frequency > above_hz) & (frequency < below_hz)])
         hz = np.linspace(0, self.rate_hz / 2, SPECTRUM_POINTS + 1)[1:]
         step = self.encoder_step
         if not step:
@@ -193,8 +196,7 @@ class Record:
         """The filtered signals at `COARSE_CUTOFFS` or more, with the same groups. The torque is the
         filtered one."""
         least_hz = COARSE_CUTOFFS * self.settings.cutoff_hz
-        # rates are known to within rounding
-        step = max(int(self.rate_hz / least_hz + 1e-6), 1)
+        step = max(int(self.rate_hz / least_hz + EDGE_ROUNDING), 1)
         if step == 1:
             return self
         rows = slice(None, None, step)
@@ -215,9 +217,7 @@ class Record:
 
 def unlike_groups(first: Array, stop: Array) -> Groups:
     """Groups of rows between edges (m,) that do not repeat one another."""
-    return Groups(
-        "stretches", first, stop, np.zeros(len(first), dtype=np.intp), (Stratum(repeats=False),)
-    )
+    return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (Stratum(),))
 
 
 def whole_rows(first: Array, stop: Array) -> list[slice]:

@@ -26,7 +26,7 @@ from osl_analysis.base.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.model.drivetrain import Stiffness, linear_torque
-from osl_analysis.signals.filters import runs, seven_point_motion
+from osl_analysis.signals.filters import HIGHEST_CUTOFF, runs, seven_point_motion
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
     DIRECTION_ROUNDING,
@@ -37,48 +37,6 @@ from osl_analysis.stats.linear_fit import (
     solved,
     vaf_by_moments,
 )
-
-
-def spread(
-    noise_g: Array,
-    A_g: Array,
-    inverse: Array,
-    stratum: NDArray[np.intp],
-    repeat: NDArray[np.bool_],
-) -> tuple[Array, Array]:
-    """The scatter by groups that repeat one another.
-
-    A group that repeats no other, as the one settled cycle of a sine, is taken to scatter as the
-    others do: by the share that its columns have in what white noise of the torque does to each
-    estimate.
-
-    Parameters
-    ----------
-    noise_g : Array (m, p)
-        Products of the columns with the residual of the torque, in each group.
-    A_g : Array (m, p, p)
-        Products of the columns in each group.
-    inverse : Array (p, p)
-        Of the normal equations of all groups.
-    stratum : Array (m,)
-        Which groups repeat one another; rising.
-    repeat : Array (m,)
-        Which repeat any.
-
-    Returns
-    -------
-    covariance : Array (p, p)
-        Of the estimates.
-    freedom : Array (p,)
-        Degrees of freedom of its variances.
-    """
-    number = np.unique(stratum[repeat], return_inverse=True)[1]
-    covariance, freedom = between_cycles(noise_g[repeat] @ inverse, number)
-    of_repeats, of_all = (
-        np.diag(inverse @ groups.sum(axis=0) @ inverse) for groups in (A_g[repeat], A_g)
-    )
-    more = np.sqrt(of_all / of_repeats)
-    return covariance * np.outer(more, more), freedom
 
 
 def left_out(A: Array, b: Array, A_g: Array, b_g: Array) -> tuple[Array, Array]:
@@ -107,8 +65,10 @@ def left_out(A: Array, b: Array, A_g: Array, b_g: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    covariance, freedom
-        As `spread`.
+    covariance : Array (p, p)
+        Of the estimates.
+    freedom : Array (p,)
+        Degrees of freedom of its variances.
     """
     n = len(A_g)
     scale = np.sqrt(np.diag(A))
@@ -363,7 +323,7 @@ def sums_of(record: Record, expected: Stiffness | None = None) -> Sums:
     omega = record.motion.omega
     if highest_hz > BEYOND * low_pass.cutoff_hz:
         # the sign of a slower signal changes at other times
-        swift = replace(low_pass, cutoff_hz=min(2 * highest_hz, 0.2 * record.rate_hz))
+        swift = replace(low_pass, cutoff_hz=min(2 * highest_hz, HIGHEST_CUTOFF * record.rate_hz))
         omega = np.gradient(swift(record.theta, record.rate_hz), 1 / record.rate_hz)
     step = round(record.rate_hz / few.rate_hz)
     for name, width in SIGN_WIDTHS.items():
@@ -406,8 +366,13 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
     repeat = s.groups.repeat()
     if repeat.any():
         # before the low-pass, noise is independent from row to row
-        noise_g = products[:, :-2, -1] - A_g @ estimates
-        covariance, freedom = spread(noise_g, A_g, inverse, s.groups.stratum, repeat)
+        noise_g = (products[:, :-2, -1] - A_g @ estimates) @ inverse
+        covariance, freedom = between_cycles(noise_g[repeat], s.groups.stratum[repeat])
+        # a group that repeats no other, as the one settled cycle of a sine, is taken to scatter as
+        # the others do: by its share in what white noise of the torque does to each estimate
+        of_repeats = inverse @ A_g[repeat].sum(axis=0) @ inverse
+        more = np.sqrt(np.diag(inverse @ A @ inverse) / np.diag(of_repeats))
+        covariance *= np.outer(more, more)
     else:
         covariance, freedom = left_out(A, b, A_g, b_g)
     # what is slower than a motion hardly counts beside it, and tells offset and drift

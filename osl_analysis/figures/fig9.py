@@ -9,9 +9,9 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.figures import style
+from osl_analysis.stats.budget import QUANTITIES
 from osl_analysis.walking.impedance_fit import ENSEMBLE
 
-SHOWN_QUANTITIES = ("K", "B", "I")
 MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`
 # Fits to the mean response: estimator, face and name of a marker
 SHOWN_FITS = (
@@ -63,10 +63,10 @@ def points(
         of_configuration = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))
         estimates = estimates.with_columns(commanded=pl.coalesce("commanded", of_configuration))
 
-    is_fitted = pl.all_horizontal(pl.col(SHOWN_QUANTITIES).is_finite())
+    is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
     fits = walking.with_columns(group, estimator=pl.lit(PERTURBATION)).filter(is_fitted)
     perturbations = fits.join(estimates, on="group", how="semi").unpivot(
-        SHOWN_QUANTITIES, index=["group", "estimator", "trial", "doubtful"],
+        QUANTITIES, index=["group", "estimator", "trial", "doubtful"],
         variable_name="quantity", value_name="mean",
     )  # fmt: skip
     return pl.concat([estimates, perturbations], how="diagonal_relaxed")
@@ -77,7 +77,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     names = table["group"].unique(maintain_order=True)
     width = style.DOUBLE_COLUMN if len(names) > 1 else style.SINGLE_COLUMN
     figure, axes = style.panels(width, 3, 1, 3)
-    for ax, quantity in zip(axes, SHOWN_QUANTITIES, strict=True):
+    for ax, quantity in zip(axes, QUANTITIES, strict=True):
         of_quantity = table.filter(quantity=quantity)
         span = float(np.ptp(of_quantity.filter(estimator=PERTURBATION)["mean"].to_numpy()))
         for number, rows in enumerate(of_quantity.partition_by("group")):

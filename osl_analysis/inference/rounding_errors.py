@@ -13,10 +13,9 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.base.trial import Array
-from osl_analysis.inference.spectra import HIGHEST_OF_RATE, roll_off
+from osl_analysis.inference.spectra import roll_off
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.model.drivetrain import Spectrum
-from osl_analysis.signals.filters import power_density
 
 # Draws of the encoder's zero and the motion's size; they give a standard error to 20 %; as random
 # effects in the model they would be fitted away
@@ -27,7 +26,6 @@ SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its roun
 # errors where it turns, which read as friction: of 384 frictionless ones, 0.1 to 0.3 Hz, 12 and 14
 # bits, 19 have friction without, 10 with it
 SIZES_DRAWN = 0.1
-BESIDE_CUTOFF = (2.0, 4.0)  # cut-offs, between which a low-pass removes all, and motion is slower
 LEAST_REPEATED = 0.05  # share of the rounding that noise leaves, below which it is noise
 
 
@@ -93,29 +91,6 @@ def repeated_share(noise_density: float, rate_hz: float, step: float) -> float:
     variance_of_readings = noise_density * rate_hz / 2 / step**2
     before_rounding = max(variance_of_readings - 1 / 12, 0.0)
     return float(np.exp(-2 * np.pi**2 * before_rounding))
-
-
-def noise_beyond(removed: Array, rate_hz: float, cutoff_hz: float) -> float:
-    """Density of an angle's noise [rad^2/Hz], by what a low-pass removes from it.
-
-    It is the median from two to four cut-offs, or at the highest frequencies of a slow recorder.
-    Above them a slow motion has less of its rounding.
-
-    Parameters
-    ----------
-    removed : Array (n,)
-        What is removed [rad].
-    rate_hz : float
-    cutoff_hz : float
-        Of the low-pass.
-    """
-    rows = min(round(rate_hz), len(removed))
-    frequency, density = power_density(removed, rate_hz, rows)
-    above_hz, below_hz = np.minimum(
-        cutoff_hz * np.array(BESIDE_CUTOFF), rate_hz * np.array(HIGHEST_OF_RATE)
-    )
-    is_beside = (frequency > above_hz) & (frequency < below_hz)
-    return float(np.median(density[is_beside]))
 
 
 def errors_by_steps(by_row: Array, reading: NDArray[np.intp], turn: Spectrum, step: float) -> Array:

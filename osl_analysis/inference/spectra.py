@@ -42,12 +42,13 @@ LENGTH_ROUNDING = 1e-150
 # Power of the angle over its noise below which the band ends; noise is then 1 % of a column's
 # power at the band's end
 VISIBLE_ABOVE_NOISE = 100.0
-# End of the band at most [Hz]; prototype; not varied
+# End of the band at most [Hz]; a choice: eight times the fastest motion of a bench
 HIGHEST_BAND = 40.0
 # End of the band over the sampling rate at most; the working rate of 3.4 bands must stay below the
 # sampling rate
 BAND_OF_RATE = 0.28
-# Rate at which signals are multiplied, or pass a nonlinearity [Hz]; prototype; not varied
+# Rate at which signals are multiplied, or pass a nonlinearity [Hz]; a choice: 16 rows in a period
+# of the fastest motion behind the usual filter
 PRODUCT_RATE = 250.0
 # Least backlash, dead zone, motion or RMS of what is cut, over K, that is not rounding [encoder
 # steps]; at 1.5 steps a joint at rest explains its own rounding as a dead zone, with a
@@ -60,6 +61,14 @@ FRICTION_WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)
 # Velocity over which sliding friction changes sign, if the velocity's noise is smaller [SD of
 # the velocity]; the next wider shape, five times as wide, is a column too
 SIGN_WIDTH = 0.01
+
+# Band of signals that are multiplied [bands], and at least [Hz]: products have two or three bands
+PRODUCT_BAND = (3.0, 20.0)
+END_S = 0.03  # of a recording [s], whose mean is the value at its end
+# Frequencies that show the angle's noise: above so many Hz, where the rate allows
+NOISE_ABOVE_HZ = 100.0
+# From where noise may end a band, and where the band of a slow motion ends [Hz]
+BAND_ENDS = (1.0, 2.0)
 
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
 SPECTRUM_S = 2.0  # [s] of a segment of Welch's spectrum
@@ -242,7 +251,7 @@ class Spectra:
         self.time = rows - self.first_row / rate
         self.inside = (self.time >= 0) & (self.time < self.seconds)
         self.relative_time = np.clip(self.time / self.seconds, 0.0, 1.0)
-        self.product_band_hz = max(3 * self.band_hz, 20.0)
+        self.product_band_hz = max(PRODUCT_BAND[0] * self.band_hz, PRODUCT_BAND[1])
         self.theta, self.omega, self.alpha = self._at_product_rate(self.raw_angle, 3)
         with_line = self.theta + np.linspace(*self.ends, self.product_rows)
         self.angle = with_line - with_line[self.inside].mean()
@@ -266,7 +275,7 @@ class Spectra:
     def transformed(self, x: Array) -> tuple[Spectrum, tuple[float, float]]:
         """Spectrum (r/2 + 1,) of a signal (n,) with an odd extension at both ends, less the line
         between its ends, and these."""
-        few = max(round(0.03 * self.signals.rate_hz), 2)
+        few = max(round(END_S * self.signals.rate_hz), 2)
         pad = self.first_row
         stop = pad + len(x)
         # in place: new memory takes longer than the transform
@@ -352,12 +361,12 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
     rows = min(round(SPECTRUM_S * rate_hz), len(theta))
     frequency, power = power_density(theta, rate_hz, rows)
     above, below = HIGHEST_OF_RATE
-    highest = (frequency > min(100.0, above * rate_hz)) & (frequency < below * rate_hz)
+    highest = (frequency > min(NOISE_ABOVE_HZ, above * rate_hz)) & (frequency < below * rate_hz)
     noise = float(np.median(power[highest]))
 
     limit = min(HIGHEST_BAND, BAND_OF_RATE * rate_hz)
-    hidden = frequency[(frequency > 1.0) & (power < VISIBLE_ABOVE_NOISE * noise)]
-    end = max(float(hidden.min(initial=limit)), min(2.0, limit))
+    hidden = frequency[(frequency > BAND_ENDS[0]) & (power < VISIBLE_ABOVE_NOISE * noise)]
+    end = max(float(hidden.min(initial=limit)), min(BAND_ENDS[1], limit))
     return noise, end
 
 

@@ -42,14 +42,14 @@ from osl_analysis.inference.spectra import (
 )
 from osl_analysis.inference.whitening import Whitened
 
-# Share of recordings without a fault that matters; prototype: 0.9, 0.98, 0.995 accuse 1, 1, 0 of
-# 159 sound files; 22, 25, 26 are silent
+# Share of recordings without a fault that matters; before 1.0: 0.9, 0.98, 0.995 accuse 1, 1, 0 of
+# 159 sound files; of 239 faults 22, 25, 26 are silent
 PRIOR_SOUND = 0.98
 # Share of joints in which dry friction matters; a choice: no knowledge; 0.2 to 0.8 changes the
 # odds by a factor of 4 at most
 PRIOR_FRICTION = 0.5
 # Share of its own torque that a named mechanism misses, since none is exactly its formula;
-# prototype: at 0 and 0.2 69 and 85 % of I's ranges hold under a fault; 0.4 names a quarter
+# before 1.0: at 0 and 0.2 69 and 85 % of I's ranges hold under a fault; 0.4 names a quarter
 INEXACTNESS = 0.2
 # Draws of the Bayesian bootstrap of blocks; a weight of 0.5 is known to 0.03, far below what
 # decides
@@ -74,8 +74,8 @@ class Predicted:
         noise's variance.
     impedances : Array (r, 3)
         K, B, I by each of its matrices [SI].
-    covariance : Array (3, 3)
-        Of the first of them [SI].
+    errors : Array (3,)
+        Standard errors of the first of them [SI].
     friction_torque : float
         Mean size of sliding friction [N*m]; 0 without friction.
     left : float
@@ -88,7 +88,7 @@ class Predicted:
     has_friction: bool
     squares: Array
     impedances: Array
-    covariance: Array
+    errors: Array
     friction_torque: float
     left: float
     rounding_left: float
@@ -159,10 +159,6 @@ class BlockFit:
         misses = np.hstack([by_others, -np.ones((BLOCKS, 1))])
         return np.einsum("bp,bpq,bq->b", misses, self.blocks, misses)
 
-    def covariance(self, freedom: float) -> Array:
-        """Covariance (c, c) of the estimates, by noise."""
-        return self.inverse * max(self.left / freedom, 1.0)
-
     def left_of_rounding(self, rounding: Array, columns: Array) -> float:
         """Sum of squares that the columns (c, m) leave of torques (draws, m) that rounding alone
         makes, the mean over its draws."""
@@ -187,14 +183,12 @@ def predict(search: Search, candidate: ModelAtValue, rounding: Array) -> Predict
     columns = all_columns(data, candidate, search.has_friction)
     fit = BlockFit(np.vstack([columns, candidate.torque]))
     estimates = fit.estimates / fit.length
-    covariance = fit.covariance(data.spectra.freedom) / np.outer(fit.length, fit.length)
+    variances = fit.inverse.diagonal() * max(fit.left / data.spectra.freedom, 1.0)
 
+    # K, B and I, and their changes by the added columns
     width = len(candidate.columns)
-    coefficients = estimates[:width]
-    # what turns the coefficients into K, B and I
-    of_added = np.eye(3, width - 3)
-    matrices = [np.hstack([np.eye(3), share * of_added]) for share in candidate.model.shares]
-    of_impedance = matrices[0] @ covariance[:width, :width] @ matrices[0].T
+    changes = np.zeros(3)
+    changes[: width - 3] = estimates[3:width]
 
     friction_torque = 0.0
     if search.has_friction:
@@ -205,8 +199,8 @@ def predict(search: Search, candidate: ModelAtValue, rounding: Array) -> Predict
         candidate=candidate,
         has_friction=search.has_friction,
         squares=fit.squares_of_unseen(),
-        impedances=np.array([matrix @ coefficients for matrix in matrices]),
-        covariance=of_impedance,
+        impedances=estimates[:3] + np.outer(candidate.model.shares, changes),
+        errors=(np.sqrt(variances) / fit.length)[:3],
         friction_torque=friction_torque,
         left=fit.left,
         rounding_left=fit.left_of_rounding(rounding, columns),
@@ -226,7 +220,7 @@ def log_prior(fits: Sequence[Predicted]) -> Array:
         family = fit.model.family
         prior = (1 - PRIOR_SOUND) / len(FAMILIES) if family else PRIOR_SOUND
         prior *= PRIOR_FRICTION if fit.has_friction else 1 - PRIOR_FRICTION
-        deviations = fit.impedances[0] / np.sqrt(np.diag(fit.covariance))
+        deviations = fit.impedances[0] / fit.errors
         are_positive = np.sum(scipy.special.log_ndtr(deviations[1:]))
         found.append(np.log(prior / of_family[family]) + are_positive)
     return np.array(found)

@@ -37,6 +37,8 @@ OTHER_MOMENTS = (0.25, 0.75)
 # of the noise beside the motion, that columns may take up: of sound multisines of 0.3 to 2.5 Hz
 # half are accused at 0.4 (10 s), one of ten at 0.2 (20 s)
 MOST_TAKEN = 0.3
+LEAST_LEFT = 0.1  # of the noise of a line that columns take up nearly all of: it is not known there
+OF_MOTION = 0.95  # share of the angle's power, whose lines are the motion
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
 
 
@@ -122,10 +124,9 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     # in the window
     taken = leverage(weighed[:-1]) * spectra.working_rows / rows
     taken = scipy.ndimage.uniform_filter1d(taken, lines, mode="nearest")
-    gain *= np.sqrt(np.maximum(1 - taken, 0.1))  # where they take up nearly all, it is not known
-    # in the lines that hold 95 % of the angle's power
+    gain *= np.sqrt(np.maximum(1 - taken, LEAST_LEFT))
     power_up_to = np.cumsum(np.abs(signals[0]) ** 2)
-    is_motion = power_up_to < 0.95 * power_up_to[-1]
+    is_motion = power_up_to < OF_MOTION * power_up_to[-1]
     is_motion[0] = True
     taken_of_motion = taken[is_motion].mean()
     if taken_of_motion > MOST_TAKEN:

@@ -35,7 +35,9 @@ from osl_analysis.stats.budget import (
     CLEAR,
     FLOOR,
     IN_INTERVAL,
+    QUANTITIES,
     WIDE,
+    WITHOUT_FRICTION,
     Budget,
     Contribution,
     Verdict,
@@ -46,11 +48,8 @@ from osl_analysis.stats.rounding import significant
 
 WHY_NO_FIT = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
-SYMBOLS = ("K", "B", "I")
 UNEXPLAINED = "unexplained_torque"
 WIDE_INTERVAL = "wide_interval"
-COLUMN_WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
-"""The estimates that are judged where friction is certain."""
 
 
 # relative differences between components and their file have a standard deviation of 2 %
@@ -144,15 +143,13 @@ def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) 
     """The estimates of a row with their verdicts: those without friction where this is certain."""
     experiments = EXPERIMENTS.values()
     of_trials = (e.impedance for e in experiments if table in [t.name for t in e.tables])
-    columns = next(of_trials, SYMBOLS)
+    columns = next(of_trials, QUANTITIES)
     accuracy = limits.accuracy.model_dump()
     described = described_tables_by_name()[table]
     units = {**described.columns, **described.of_fits}
     found = []
-    for symbol, own in zip(SYMBOLS, columns, strict=False):
-        name = (
-            COLUMN_WITHOUT_FRICTION[symbol] if COLUMN_WITHOUT_FRICTION[symbol] in budgets else own
-        )
+    for symbol, own in zip(QUANTITIES, columns, strict=False):
+        name = WITHOUT_FRICTION[symbol] if WITHOUT_FRICTION[symbol] in budgets else own
         if name in budgets:
             budget = budgets[name]
             needed = accuracy[symbol] * math.hypot(budget.value, FLOOR[symbol])
@@ -402,9 +399,9 @@ def short_list(findings: Sequence[Finding]) -> str | None:
 
 def verdicts_of(findings: Sequence[Finding]) -> dict[str, str]:
     """The verdict on K, B and I of a row by its findings."""
-    verdicts = dict.fromkeys(SYMBOLS, CLEAR)
+    verdicts = dict.fromkeys(QUANTITIES, CLEAR)
     for finding in reversed(findings):
-        concerned = finding.estimates or SYMBOLS
+        concerned = finding.estimates or QUANTITIES
         if finding.grade is Grade.DOUBTS:
             verdicts.update(dict.fromkeys(concerned, finding.cause))
         elif finding.name == WIDE_INTERVAL:
@@ -419,7 +416,7 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
     described = described_tables_by_name()[name].columns
     findings = with_those_of_trials(table, findings)
     columns: dict[str, list[str | None]] = {DOUBTFUL: [short_list(row) for row in findings]}
-    for symbol in SYMBOLS:
+    for symbol in QUANTITIES:
         if f"{symbol}_verdict" in described:
             columns[f"{symbol}_verdict"] = [verdicts_of(row)[symbol] for row in findings]
     if "remarks" in described:

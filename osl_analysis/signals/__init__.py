@@ -22,7 +22,7 @@ the other reading changes is a row of the budget (`undecided_time_stamps`).
 | `sample_count` | which samples are missing |
 | `stamp_evidence` | the equation above, and the decision |
 | `filters` | one zero-phase low-pass for all signals, derivatives, runs of rows |
-| `leaps`, `standing`, `plateaus`, `agreement` | what the checks of recordings see in a channel |
+| `plateaus`, `agreement` | what the checks of recordings see in a channel |
 
 **Evidence for each choice** (`tests/signals`, recorders that share no code with the package):
 

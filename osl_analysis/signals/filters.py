@@ -20,6 +20,9 @@ REACH_PERIODS = 3  # of the cut-off that a recording must outlast: the reach of 
 FEWEST_OF_QUINTIC = 6  # samples, as many as it has coefficients
 
 
+HIGHEST_CUTOFF = 0.2  # of the sampling rate, of a low-pass before the sign of a velocity is taken
+
+
 @dataclass(frozen=True)
 class LowPass:
     """Butterworth low-pass, run forwards and backwards: no phase, order doubled."""

@@ -5,11 +5,11 @@ The signal itself decides among three hypotheses. Even: the device samples evenl
 scatter by latency. True: the stamps are right. Aged: the values were taken `age` loops before their
 stamps, as if a bus answers a loop later.
 
-The slow part of the stamps (`sample_count.slow_part`) is removed first. If the sampling time moves
-with a share g_k of the fast part f_k of the stamp k rows earlier, the signal x moves by the sum of
-g_k x' f_k. All g_k are 0 for even stamps, g_0 is 1 for true ones, and two neighbours share 1 for an
-age between them. One-sided scatter does not decide: a loop with absolute deadlines is late, never
-early, and its stamps are true.
+A smooth curve over four blocks, the slow part of the stamps, is removed first. If the sampling time
+moves with a share g_k of the fast part f_k of the stamp k rows earlier, the signal x moves by the
+sum of g_k x' f_k. All g_k are 0 for even stamps, g_0 is 1 for true ones, and two neighbours share 1
+for an age between them. One-sided scatter does not decide: a loop with absolute deadlines is late,
+never early, and its stamps are true.
 """
 
 from collections.abc import Mapping

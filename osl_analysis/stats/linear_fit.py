@@ -261,11 +261,12 @@ def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array
     degrees_of_freedom : Array (p,)
         Of its variances.
     """
-    members = np.bincount(stratum).astype(float)
-    begins = np.flatnonzero(np.diff(stratum, prepend=-1))
+    _, begins, number, members = np.unique(
+        stratum, return_index=True, return_inverse=True, return_counts=True
+    )
     mean = np.add.reduceat(sums, begins) / members[:, None]
     for_mean = np.sqrt(members / (members - 1))
-    spread = (sums - mean[stratum]) * for_mean[stratum][:, None]
+    spread = (sums - mean[number]) * for_mean[number][:, None]
     variances = np.add.reduceat(spread**2, begins)
     return spread.T @ spread, welch_satterthwaite(variances, members - 1)
 

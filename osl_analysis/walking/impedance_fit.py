@@ -31,7 +31,6 @@ from osl_analysis.walking.isolated_response import (
     regressors,
 )
 
-ESTIMATED = ("K", "B", "I")
 ENSEMBLE = "ensemble"
 
 PREDICTOR_SETS: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR)

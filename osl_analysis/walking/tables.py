@@ -18,13 +18,12 @@ import polars as pl
 from osl_analysis.base.measured import rms
 from osl_analysis.base.trial import Array
 from osl_analysis.signals.filters import sampling_rate
-from osl_analysis.stats.budget import Budget, Contribution, budget_rows, unknown
+from osl_analysis.stats.budget import QUANTITIES, Budget, Contribution, budget_rows, unknown
 from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
 from osl_analysis.walking.impedance_fit import (
     ENSEMBLE,
-    ESTIMATED,
     best_predictors,
     fit_response,
     fitted_changes,
@@ -43,7 +42,7 @@ from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.walking_settings import TimingSettings
 
-NAMES = (*ESTIMATED, "VAF")  # of all that a fit tells
+NAMES = (*QUANTITIES, "VAF")  # of all that a fit tells
 Contributions = dict[str, Contribution]
 """Of one source to these, as far as it has any."""
 
@@ -209,7 +208,7 @@ def of_error(source: str, unit: str, changes: Array, standard: float | None) -> 
     """What an error contributes, by the changes (3,) of K, B and I per ms or mm and its standard
     uncertainty [s] or [m]; where nobody has measured it (None), these changes."""
     if standard is None:
-        return unknown("plate_unseen", unit, **dict(zip(ESTIMATED, changes, strict=True)))
+        return unknown("plate_unseen", unit, **dict(zip(QUANTITIES, changes, strict=True)))
     return of_source(source, 1e3 * standard * changes)
 
 
@@ -271,7 +270,7 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
     K = budgets["K"].value
     of_offset = sum(each.standard or 0.0 for each in budgets["K"].of_source("offset"))
     estimates: dict[str, Any] = {}
-    for name in ESTIMATED:
+    for name in QUANTITIES:
         estimates.update(budgets[name].columns(name))
     return {
         "fitted_phase": conditions["onset_phase"] + fitted_time(mean) / conditions["stance_s"],
@@ -368,7 +367,7 @@ def perturbation_row(
     fit = fit_response(response)
     return {
         "bridged": crossing.bridged,
-        **{name: fit[name] for name in ESTIMATED},
+        **{name: fit[name] for name in QUANTITIES},
         "residual_over_gait": residual_over_gait(response),
         "VAF": fit.vaf,
     }

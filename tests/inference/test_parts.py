@@ -111,7 +111,7 @@ def test_the_odds_of_friction_are_the_ratio_of_both_likelihoods():
             rounding_left=0.0,
             friction_torque=0.0,
             impedances=np.ones((1, 3)),
-            covariance=1e-6 * np.eye(3),
+            errors=np.full(3, 1e-3),
         )
         for has_friction, squares in ((False, 24 + 2 * np.log(3)), (True, 24))
     ]

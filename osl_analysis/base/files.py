@@ -149,11 +149,7 @@ CAMPAIGN = Path("config.yaml")
 
 def default_config() -> Path:
     """The default configuration, which a campaign's own overrides: that of a clone in the working
-    folder, which may have been edited, else the shipped one. Another workflow's lacks sections."""
-    here, ours = Path("config/config.yaml"), ROOT / "config/config.yaml"
-    if here.is_file():
-        texts = [file.read_text(encoding="utf-8", errors="replace") for file in (ours, here)]
-        sections_of_ours, sections_here = (set(re.findall(r"(?m)^(\w+):", text)) for text in texts)
-        if sections_of_ours <= sections_here:
-            return here
-    return ours
+    folder, which may have been edited, else the shipped one, as beside another workflow's."""
+    here = Path("config/config.yaml")
+    is_clone = here.is_file() and Path(PACKAGE.name).is_dir()
+    return here if is_clone else ROOT / here

@@ -210,7 +210,7 @@ def config_for_trials(path: Path | str | None = None) -> Config:
 @lru_cache(maxsize=8)
 def config_of_state(path: Path, state: Hashable) -> Config:
     """What `config_for_trials` gives while the `state` of the files is the same."""
-    is_shipped = path == default_config() and not Path("config/config.yaml").is_file()
+    is_shipped = path == default_config() and path.is_relative_to(ROOT)
     stated = {"simulation": None} if is_shipped else read_campaign_file(path)
     return validated(over_default(stated), Config, path, (default_config(), path))
 

@@ -113,7 +113,7 @@ def test_a_folder_on_another_drive_of_windows_is_named_from_the_root(monkeypatch
     assert seen_from(tmp_path / "campaign", recordings) == recordings
 
 
-def test_the_default_is_a_whole_configuration_here_and_no_other_workflow_s(monkeypatch, tmp_path):
+def test_the_default_is_that_of_a_clone_here_and_no_other_workflow_s(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     shipped = ROOT / "config/config.yaml"
     here = tmp_path / "config/config.yaml"
@@ -122,5 +122,5 @@ def test_the_default_is_a_whole_configuration_here_and_no_other_workflow_s(monke
     here.write_text("campaign: other\nthreads: 4\n")
     assert default_config() == shipped
 
-    here.write_text(shipped.read_text(encoding="utf-8"))
+    (tmp_path / "osl_analysis").mkdir()
     assert default_config().resolve() == here

@@ -54,7 +54,8 @@ def with_default(tmp_path, monkeypatch):
         )
         own = reduce(overriding, nested)
         default = overriding(read_mapping(default_config()), own)
-        (tmp_path / "config").mkdir()
+        for folder in ("config", "osl_analysis"):  # of a clone
+            (tmp_path / folder).mkdir()
         (tmp_path / "config/config.yaml").write_text(yaml.safe_dump(default))
         return tmp_path / "own.yaml", own
 

@@ -28,8 +28,9 @@ from osl_analysis.draft.draft_source import (
 )
 from osl_analysis.draft.draft_walking import draft_walking
 from osl_analysis.draft.likelihood import Guess, correlation, joints_named, turns_slowly
-from osl_analysis.draft.overview import FEWEST_NUMBERS, inspect_recording
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
+from osl_analysis.formats.binary_table import FEWEST_OF_SIGNAL
 from osl_analysis.ingest.raw_files import check_file, recordings_in
 
 PARTS = {"theta", "torque"}  # of which each log of a pair has one
@@ -39,7 +40,6 @@ ONE_FILE_MISSING = (
     f"the file with the other of angle and torque is missing: copy it, or {NAME_BOTH}"
 )
 SEVERAL = f"one of several files may be the other one of these: {NAME_BOTH}"
-SHORTEST_LOG = 0.5  # of the longer log; one that is shorter is of another trial
 LEAST_COMMON = 0.3  # correlation of a torque with angle and velocity of its trial; of others 0.1
 
 
@@ -126,12 +126,8 @@ def why_no_pair(
 ) -> str:
     """Why two logs, by likely columns, are of different trials; empty if they may be of one."""
     theta, torque = angles["theta"], torques["torque"]
-    if theta.times is None or torque.times is None:
-        return ""
-    shorter_s, longer_s = sorted([theta.times[-1], torque.times[-1]])
-    if shorter_s < SHORTEST_LOG * longer_s:
-        return f"one lasts {longer_s:.4g} s, and the other {shorter_s:.4g}"
-    if angles.keys() & torques.keys() - {""}:
+    has_clocks = theta.times is not None and torque.times is not None
+    if angles.keys() & torques.keys() - {""} or not has_clocks:
         return ""  # what both recorded aligns them
     follows = correlation(theta, torque), correlation(theta, torque, of_speed=True)
     if np.hypot(*follows) < LEAST_COMMON:
@@ -248,9 +244,9 @@ def overview_of_recording(path: Path) -> Overview:
     overview = inspect_recording(path)
     most = max((channel.count for channel in overview.channels), default=0)
     is_empty = not overview.drafted and not overview.is_capture
-    if most < FEWEST_NUMBERS or is_empty:
+    if most < FEWEST_OF_SIGNAL or is_empty:
         raise InputError(
-            f"{path}: no signal of {FEWEST_NUMBERS} numbers or more in it",
+            f"{path}: no signal of {FEWEST_OF_SIGNAL} numbers or more in it",
             "`osl-analysis inspect` lists what it holds",
         )
     return overview

@@ -35,7 +35,6 @@ from osl_analysis.ingest.likely_clock import (
 )
 
 MOST_NOTES = 20  # lines of a file's own text that are shown
-FEWEST_NUMBERS = 10  # a variable with fewer numbers is no signal
 MOST_BACK = 0.1  # share of the steps of a clock that may go back
 # what a text says of a counter without a unit
 INTERVALS = r"(?i)interval|^dt|delta|period|since"  # in the name of a column of them

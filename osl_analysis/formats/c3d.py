@@ -99,9 +99,9 @@ class C3dSource(LaboratorySource):
     it describes wrongly."""
     # Units of the plates' channels, where the file's are absent or wrong.
     plate_units: PlateUnits | None = None
-    plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
-    """Baseline of the plates: none, file (FORCE_PLATFORM:ZERO) or two frames, from 1, between which
-    they are empty."""
+    plate_zero: Literal["none"] | tuple[PositiveInt, PositiveInt] = "none"
+    """Baseline of the plates: none, or two frames, from 1, between which they are empty. `inspect`
+    tells those that the file names, FORCE_PLATFORM:ZERO."""
 
 
 @dataclass(frozen=True)

@@ -135,8 +135,7 @@ def baseline_frames(recording: Recording, source: MarkerSource) -> tuple[int, in
     zero: Any = getattr(source, "plate_zero", "none")
     if zero == "none" or not recording.plates:
         return None
-    stated = [*recording.facts["plate_zero_frames"], 0, 0] if zero == "file" else zero
-    first, last = np.nan_to_num(stated[:2]).astype(int).tolist()
+    first, last = zero
     frames = recording.facts["frames"]
     if not 1 <= first <= last <= frames:
         raise InputError(

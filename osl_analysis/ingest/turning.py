@@ -13,7 +13,7 @@ from osl_analysis.base.recording import Channel, Recording
 from osl_analysis.base.trial import Array, unit_of
 from osl_analysis.base.units import si_factor
 from osl_analysis.draft.likelihood import kinds_of_words, parted_name
-from osl_analysis.draft.recorded_channel import likely_unit, name_and_ending
+from osl_analysis.draft.recorded_channel import likely_unit
 from osl_analysis.signals.agreement import turn_ratio, turns
 
 BESIDE = "beside "  # begins the key of a channel that turns, and that no column reads
@@ -44,8 +44,6 @@ class Turning:
 def turns_beside(recording: Recording, asked: Mapping[str, Channel]) -> dict[str, Channel]:
     """The channels that turn in the rows of asked ones, and that none of these is, by the key that
     tells them from columns."""
-    if not any(unit_of(column) in TURNING for column in asked):
-        return {}
     rows = {(channel.rows.name, channel.rows.count) for channel in asked.values()}
     keys = {channel.key for channel in asked.values()}
     return {
@@ -61,7 +59,7 @@ def turns_beside(recording: Recording, asked: Mapping[str, Channel]) -> dict[str
 def kinds_of(channel: Channel) -> set[str]:
     """What the words of a channel's name tell."""
     name = channel.address.get("field", channel.name or channel.key)
-    return kinds_of_words(parted_name(name_and_ending(name)[0]))
+    return kinds_of_words(parted_name(name))
 
 
 def unit_of_turning(channel: Channel) -> tuple[str, float]:

@@ -38,7 +38,6 @@ def test_files_whose_names_differ_by_a_word_are_one_trial(tmp_path, second):
 
 
 @pytest.mark.parametrize(("files", "told"), [
-    ({"x": ENCODER, "x_torque": ("torque_Nm", LOAD_CELL[1][:900])}, "lasts"),
     ({"x": ENCODER, "x_torque": ("torque_Nm", OTHER)}, "does not follow"),
     ({"x": ENCODER, "x_torque": LOAD_CELL, "x_load": ("torque_Nm", 2 * ANGLE)}, "several"),
     ({"x_1": ENCODER, "x_2_torque": LOAD_CELL}, "missing"),

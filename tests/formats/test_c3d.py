@@ -248,7 +248,7 @@ def wrench_of(path, row=3, **fields):
     [
         ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {},
          "'Force.Fz1': nan"),
-        ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, " 7 "),
+        ({}, {"plate_zero": [1, 7]}, " 7 "),
         ({"FORCE_PLATFORM__TYPE": [6]}, {}, "type 6"),
         ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "corners"),
         ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])}, {},
@@ -355,13 +355,12 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path,
     assert wrench_of(path) == pytest.approx([21, -2, -3, 4, -5, -6], rel=1e-6)
 
 
-@pytest.mark.parametrize("zero", ["file", [2, 3]])
-def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path, zero):
+def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path):
     readings = np.arange(144.0).reshape(24, 6)
-    path = plate_file(tmp_path, readings, FORCE_PLATFORM__ZERO=np.array([2, 3]))
+    path = plate_file(tmp_path, readings)
 
     as_is = read(path)
-    zeroed = read(path, plate_zero=zero)
+    zeroed = read(path, plate_zero=[2, 3])
 
     assert zeroed.facts["plate_zero_frames"] == (2, 3)
     for column in ("plate1_force_z", "plate1_moment_x"):

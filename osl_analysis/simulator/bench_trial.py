@@ -30,9 +30,6 @@ SLOW_IS_LARGE = 1.5  # power of the frequency by which the lines of a hand's mot
 WANDERING_S = 4.0  # period [s] in which the size of the motion wanders
 WANDERING_SIZE = 0.4  # share of the size
 
-# from 0 to 1, with two derivatives that vanish at both ends
-FADE = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
-
 
 @dataclass(frozen=True)
 class JointMotion:
@@ -187,7 +184,9 @@ def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[JointMotion,
         (n,) [A]. Both fade in and out within `fade_s` with continuous derivatives.
     """
     time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
-    fade = FADE(np.clip(np.minimum(time, bench.duration_s - time) / bench.fade_s, 0.0, 1.0))
+    from_ends = np.minimum(time, bench.duration_s - time) / bench.fade_s
+    # 10 u^3 - 15 u^4 + 6 u^5: two derivatives vanish at both ends
+    fade = scipy.special.betainc(3, 3, np.clip(from_ends, 0.0, 1.0))
     theta, current = np.zeros((2, len(time)))
     for tone in bench.velocity:
         w = 2 * np.pi * tone.frequency_hz

@@ -53,11 +53,11 @@ WALKER = own_yaml(Path(__file__).with_name("walker.yaml"))
 MARKERS: Mapping[str, Mapping[str, Position]] = WALKER["markers"]
 ANKLE_ANGLE: Sequence[Bump] = WALKER["ankle_angle"]
 ANKLE_MOMENT: Sequence[Bump] = WALKER["ankle_moment"]
-PLATE_SHIFT: Position = WALKER["plate_shift"]
 GROUND_REACTION: Mapping[str, Sequence[Bump]] = WALKER["ground_reaction"]
 
 
 NOMINAL = SimpleNamespace(**WALKER["gait"])  # what is the same in every campaign
+UNLOADED = SimpleNamespace(**WALKER["unloaded"])
 RECORDERS = SimpleNamespace(**WALKER["recorders"])
 
 

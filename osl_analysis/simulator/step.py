@@ -20,17 +20,13 @@ from osl_analysis.simulator.laboratory_settings import (
     ANKLE_ANGLE,
     GROUND_REACTION,
     NOMINAL,
-    PLATE_SHIFT,
+    UNLOADED,
     Bump,
     WalkingSettings,
 )
 from osl_analysis.simulator.rigid_body import Pose, rotation_about
 from osl_analysis.simulator.trial_plan import generator_of
 
-STANCE_EDGE = 0.08  # of stance, in which the load comes and goes
-UNLOADED_COMMAND_S = 0.5  # [s] after the start of a trial of the unloaded platform
-UNLOADED_HOLD_S = 0.5  # [s] from its onset until it returns
-TILT_DEG = 2.0  # of the unloaded platform, about its forward axis
 RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
 
 
@@ -61,7 +57,7 @@ def nominal_ankle_angle(c: Array) -> Array:
 
 def stance_window(p: Array) -> Array:
     """1 from 8 % to 92 % of stance, 0 outside stance, smooth between."""
-    return smooth_step(p / STANCE_EDGE) * smooth_step((1.0 - p) / STANCE_EDGE)
+    return smooth_step(p / NOMINAL.stance_edge) * smooth_step((1.0 - p) / NOMINAL.stance_edge)
 
 
 def ground_reaction(p: Array) -> Array:
@@ -261,10 +257,11 @@ def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
     that all inertial parameters can be estimated.
     """
     ramp = trial.walking.perturbation
-    onset = UNLOADED_COMMAND_S + ramp.latency_s
+    command = UNLOADED.command_s
+    onset = command + ramp.latency_s
     size, slowness = trial.random("unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
-    back = onset + UNLOADED_HOLD_S
-    motion = ramped_platform(trial, UNLOADED_COMMAND_S, onset, back, size, slowness)
+    back = onset + UNLOADED.hold_s
+    motion = ramped_platform(trial, command, onset, back, size, slowness)
     # some trials also shift and tilt, by their number
     number = int(trial.name.rpartition("_")[2])
     period = trial.walking.plate.full_motion_every
@@ -282,6 +279,7 @@ def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
     ]
     tilt = pulse(time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast)
     tilted = Pose(
-        rotation_about(0, np.radians(TILT_DEG) * tilt), np.stack(shifts, axis=-1) * PLATE_SHIFT
+        rotation_about(0, np.radians(UNLOADED.tilt_deg) * tilt),
+        np.stack(shifts, axis=-1) * UNLOADED.shift,
     )
     return replace(motion, pose=tilted.after(motion.pose))

@@ -33,6 +33,20 @@ def test_vaf_is_that_of_an_imperfect_fit():
     )
 
 
+def test_one_effect_of_noise_in_a_thousand_is_certain():
+    """Of 12 degrees of freedom."""
+    errors = student.ppf((np.arange(3000) + 0.5) / 3000, 12)  # over their standard error
+
+    effects = [
+        regression.LinearFit(
+            ("a",), np.array([2 * error]), np.array([[4.0]]), 0.0, "white noise", np.array([12.0])
+        )
+        for error in errors
+    ]
+
+    assert sum(effect.certain("a") for effect in effects) == pytest.approx(3, abs=1)
+
+
 def fit_of_statsmodels(y, columns, **covariance):
     return (
         importlib.import_module("statsmodels.api")

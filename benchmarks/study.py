@@ -160,7 +160,11 @@ class StudyBench:
         if ideal:
             starts = ("load_cell", "current", "encoder")
             sensors = [n for n in type(settings.effects).model_fields if n.startswith(starts)]
-            effects = settings.effects.without(*sensors, "joint_encoder", "actuator_encoder")
+            exact = {}
+            for sensor in (*sensors, "joint_encoder", "actuator_encoder"):
+                effect = getattr(settings.effects, sensor)
+                exact[sensor] = effect.model_copy(update={"enabled": False})
+            effects = settings.effects.model_copy(update=exact)
             settings = settings.model_copy(
                 update={"effects": effects, "recorder": RecorderSettings()}
             )

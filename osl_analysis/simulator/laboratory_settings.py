@@ -37,7 +37,6 @@ from osl_analysis.simulator.simulation_settings import (
     InNewtons,
     InPercent,
     InSeconds,
-    Switches,
 )
 
 # labels and units of the plate's channels, force and moment: type 2 of the C3D manual
@@ -61,7 +60,7 @@ UNLOADED = SimpleNamespace(**WALKER["unloaded"])
 RECORDERS = SimpleNamespace(**WALKER["recorders"])
 
 
-class WalkingEffects(Switches):
+class WalkingEffects(Settings):
     """Every imperfection of gait and gait laboratory. The size of a scatter, an offset or a noise
     is its standard deviation. The actuator's encoder and current have the imperfections of the
     campaign."""

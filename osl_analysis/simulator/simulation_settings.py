@@ -8,7 +8,7 @@ unless they are switched on.
 """
 
 import math
-from typing import Annotated, Any, Generic, Literal, Self, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, NonNegativeInt
 
@@ -75,18 +75,7 @@ def off(unit: str, size: float = 0) -> Any:
     return Field(default, validate_default=True)
 
 
-class Switches(Settings):
-    """Settings with effects."""
-
-    def without(self, *names: str) -> Self:
-        """These effects with the named ones off, or with all off if none is named."""
-        switched_off = {}
-        for name in names or type(self).model_fields:
-            switched_off[name] = getattr(self, name).model_copy(update={"enabled": False})
-        return self.model_copy(update=switched_off)
-
-
-class Effects(Switches):
+class Effects(Settings):
     """Every imperfection of bench, drivetrain and controller. Noise is white at the rate of the
     log, sizes are SDs."""
 
@@ -113,7 +102,7 @@ class Effects(Switches):
     load_cell_delay: InSeconds = off("s")
 
 
-class SecondOrderJoint(Switches):
+class SecondOrderJoint(Settings):
     """A joint with the torque of Eq. 15, in place of the drivetrain."""
 
     K: Positive
@@ -182,7 +171,7 @@ class ActuatorBench(Settings):
     )
 
 
-class NodeSettings(Switches):
+class NodeSettings(Settings):
     """How one node samples its channels, and what stamps it writes."""
 
     rate: InHertz = off("Hz", size=1)  # off: dynamometer.rate_hz

@@ -28,6 +28,14 @@ UNPERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": Fals
 STATIC = {"trial": "static_1", "experiment": "static"}
 
 
+def without(effects: Any, *names: str) -> Any:
+    """Effects with the named ones off, or with all off if none is named."""
+    switched_off = {}
+    for name in names or type(effects).model_fields:
+        switched_off[name] = getattr(effects, name).model_copy(update={"enabled": False})
+    return effects.model_copy(update=switched_off)
+
+
 @dataclass(frozen=True)
 class Setup:
     """The shipped simulation, with paths that hold wherever the tests are started."""
@@ -38,15 +46,13 @@ class Setup:
 
     def ideal(self) -> "Setup":
         """Without any imperfection."""
-        settings = self.settings.model_copy(update={"effects": self.settings.effects.without()})
+        settings = self.settings.model_copy(update={"effects": without(self.settings.effects)})
         return replace(self, settings=settings).lacking()
 
     def lacking(self, *effects: str) -> "Setup":
         """Without some imperfections of gait laboratory."""
-        walking = self.walking.model_copy(
-            update={"effects": self.walking.effects.without(*effects)}
-        )
-        return replace(self, walking=walking)
+        fewer = without(self.walking.effects, *effects)
+        return replace(self, walking=self.walking.model_copy(update={"effects": fewer}))
 
     def crossing(self, perturbed: bool, trial: str = "walking_01") -> SimulatedCrossing:
         step = draw_step(GaitTrial(trial, self.settings.seed, self.walking))

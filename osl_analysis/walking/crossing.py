@@ -22,6 +22,7 @@ from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
     Stance,
     WrenchReader,
+    between,
     check_plate,
     check_type_on_platform,
     check_vertical,
@@ -243,7 +244,7 @@ def recorded_passage(
 def rows_about_stance(frames: Array, recorded: Mapping[str, Poses], stance: Stance) -> slice:
     """Stance and the frames about it in which all clusters were seen."""
     seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
-    near = seen & (frames >= stance.heel_strike - SPARE_S) & (frames <= stance.toe_off + SPARE_S)
+    near = seen & between(frames, (stance.heel_strike - SPARE_S, stance.toe_off + SPARE_S))
     first = int(np.argmax(stance.contains(frames)))
     return run_around(near, first)
 
@@ -262,7 +263,7 @@ def check_window(
 ) -> None:
     """Refuse a perturbation on a plate without moments, or with occluded markers in its window."""
     check_type_on_platform(trial, settings.plate)
-    window = (time >= onset) & (time <= onset + settings.window_s)
+    window = between(time, (onset, onset + settings.window_s))
     for segment in ("foot", "platform"):  # the shank carries the body and moves as in any stance
         pose = recorded[segment]
         gap = longest_run(pose.bridged & window)
@@ -467,7 +468,7 @@ def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, 
     float
         [rad], toes up positive.
     """
-    rotation = turned.rotation[(time >= window[0]) & (time <= window[1])]
+    rotation = turned.rotation[between(time, window)]
     vectors = scipy.spatial.transform.Rotation.from_matrix(rotation @ rotation[0].T).as_rotvec()
     turns = -vectors @ axis.mean(axis=0)
     return turns[np.argmax(np.abs(turns))]

@@ -16,7 +16,7 @@ from osl_analysis.base.errors import InputError, listing
 from osl_analysis.base.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.isolated_response import PHASES, curves_of
-from osl_analysis.walking.plate import SINGLE_SUPPORT, phases_between
+from osl_analysis.walking.plate import SINGLE_SUPPORT, between
 from osl_analysis.walking.poses import FREE_FALL, Mask
 from osl_analysis.walking.walking_settings import SelectionSettings
 
@@ -293,7 +293,7 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
         if crossing.onset is not None
     ]
     before = PHASES[min(guards, default=1.0) >= PHASES]
-    middle = PHASES[phases_between(PHASES, SINGLE_SUPPORT)]
+    middle = PHASES[between(PHASES, SINGLE_SUPPORT)]
     stance = np.array([crossing.stance.duration for crossing in crossings])
     theta = curves_of(crossings, "theta", before)
     torque = curves_of(crossings, "torque", before)
@@ -393,7 +393,7 @@ def exclusion_reason(
     """Why a crossing, which has an index in the features, is not used; None if it is."""
     if crossing.body_mass is not None:
         phase = crossing.stance.phase(crossing.time)
-        load = crossing.load[0][phases_between(phase, SINGLE_SUPPORT)].mean()
+        load = crossing.load[0][between(phase, SINGLE_SUPPORT)].mean()
         share = load / (crossing.body_mass * np.linalg.norm(FREE_FALL))
         low, high = settings.load_of_weight
         if not low <= share <= high:

@@ -5,7 +5,7 @@ A wrench (n, 6) is force [N] and moment [N*m] about the centre of the plate's su
 are the laboratory's at rest and turn with the plate.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,11 +39,12 @@ class Stance:
         return (time - self.heel_strike) / self.duration
 
     def contains(self, time: Array) -> Mask:
-        return (time >= self.heel_strike) & (time <= self.toe_off)
+        return between(time, (self.heel_strike, self.toe_off))
 
 
-def phases_between(phase: Array, bounds: tuple[float, float]) -> Mask:
-    return (phase >= bounds[0]) & (phase <= bounds[1])
+def between(values: Array, bounds: Sequence[float] | Array) -> Mask:
+    """Which values, such as times or phases, lie between two bounds, or on one."""
+    return (values >= bounds[0]) & (values <= bounds[1])
 
 
 def find_stances(time: Array, force: Array, on: float, off: float, shortest: float) -> list[Stance]:

@@ -62,6 +62,7 @@ from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
     WrenchReader,
+    between,
     check_type_on_platform,
     recorded_corners,
     recorded_wrench,
@@ -95,9 +96,8 @@ CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
 # of an unloaded plate, also of one that was not zeroed: a standing person weighs five times as much
 LARGEST_UNLOADED_N = 100.0
 SPREAD_S = 0.1  # by which the low-pass of the identification spreads a motion
-# at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
-HIDDEN_TURN_DEG = 0.2
-LONGEST_BLANK_S = 0.1  # of no force: with noise it is 0 in single samples
+# at rest noise gives 0.03 deg; 11 frames of a turn at 300 Hz change the lag by 2 ms
+OCCLUDED_TURN_DEG = 0.2
 LEAP = 0.01  # of the largest force, from 0 to the smallest: a motion begins with less
 
 
@@ -312,7 +312,7 @@ def unloaded_recording(
     check_place(recorded_corners(trial, settings.plate), settings.plate, calibration.corners)
     names = settings.markers.platform
     frames, poses = rigid.segment_poses(trial, names, calibration, settings)
-    time, wrench = recorded_wrench(trial, settings.plate)
+    _, wrench = recorded_wrench(trial, settings.plate)
     force = np.abs(wrench[:, 2])
     load = np.median(force)
     if load > LARGEST_UNLOADED_N:
@@ -322,11 +322,16 @@ def unloaded_recording(
             "zero the plate and record again, or correct the experiment of this trial in the"
             " sheet, which is 'plate'",
         )
-    recording = whole_recording(trial, calibration, frames, poses, poses.seen(), settings)
+    usable = poses.seen()
+    turn = platform.rotation_from_rest(poses)
+    for gap in runs(poses.bridged):
+        is_long = rigid.gap_duration(frames, gap) > settings.longest_fitted_gap_s
+        if is_long and abs(turn[gap.stop] - turn[gap.start - 1]) > np.deg2rad(OCCLUDED_TURN_DEG):
+            usable[gap] = False
+    recording = whole_recording(trial, calibration, frames, poses, usable, settings)
     shown = 0.0  # largest turn from rest to rest [rad]
-    if recording is not None and not hides_a_motion(frames, poses, settings):
-        start, end = recording.track.time[[0, -1]]
-        whole = poses[(frames >= start) & (frames <= end)]
+    if recording is not None:
+        whole = poses[between(frames, recording.track.time[[0, -1]])]
         shown = np.ptp(platform.rotation_from_rest(whole))
     if recording is None or shown < settings.smallest_turn:
         raise InputError(
@@ -336,12 +341,11 @@ def unloaded_recording(
             "correct labels in Nexus or the trial in the column static, or record a turn from"
             " rest to rest with markers in sight",
         )
-    blank_s = force[longest_run(force == 0)].size / sampling_rate(time)
     smallest = np.min(force, initial=force.max(), where=force > 0)
-    if blank_s > LONGEST_BLANK_S and smallest > LEAP * force.max():
+    if (force == 0).any() and smallest > LEAP * force.max():
         raise InputError(
-            f"the plate reads 0 for {blank_s:.2f} s, and no force between 0 and {smallest:.2g}"
-            " N: what lies below was set to 0",
+            f"the plate reads 0, and no force between 0 and {smallest:.2g} N: what lies below was"
+            " set to 0",
             "export the trials of the unloaded plate without a threshold",
         )
     return recording
@@ -367,25 +371,13 @@ def whole_recording(
         whole = whole_motions(track)
         rows = slice(rows.start + whole.start, rows.start + whole.stop)
     time, wrench = recorded_wrench(trial, settings.plate)
-    inside = (time >= track.time[0]) & (time <= track.time[-1])
+    inside = between(time, track.time[[0, -1]])
     return UnloadedRecording(
         track,
         centre=recorded_corners(trial, settings.plate).mean(axis=0),
         read=wrench_reader(time[inside], wrench[inside], track.time),
         plate_low_pass=settings.plate_low_pass,
     )
-
-
-def hides_a_motion(frames: Array, poses: Poses, settings: PlateModelSettings) -> bool:
-    """Whether the platform turned during a gap of its markers that is too long to be fitted."""
-    turn = platform.rotation_from_rest(poses)
-    least = np.deg2rad(HIDDEN_TURN_DEG)
-    long_gaps = [
-        gap
-        for gap in runs(poses.bridged)
-        if rigid.gap_duration(frames, gap) > settings.longest_fitted_gap_s
-    ]
-    return any(abs(turn[gap.stop] - turn[gap.start - 1]) > least for gap in long_gaps)
 
 
 def whole_motions(track: platform.PlatformTrack) -> slice:

@@ -21,8 +21,8 @@ from osl_analysis.walking.plate import (
     FLAT,
     SINGLE_SUPPORT,
     Stance,
+    between,
     furthest_outside,
-    phases_between,
 )
 from osl_analysis.walking.poses import Poses, StaticCalibration, marker_tracks, moved_marker
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -118,7 +118,7 @@ def crossing_quality(
     settings: CrossingSettings,
 ) -> CrossingQuality:
     """Measure the quality of a crossing that markers and plate recorded."""
-    flat = phases_between(passage.stance.phase(passage.time), FLAT)
+    flat = between(passage.stance.phase(passage.time), FLAT)
     foot = passage.poses["foot"][flat]
     markers = foot.points(calibration.positions(settings.markers.foot))
 
@@ -152,7 +152,7 @@ def marker_noise_ratio(trial: Trial, names: Sequence[str]) -> float | None:
         average="median",
         axis=0,
     )
-    high, low = (power[(f >= first) & (f <= last)].mean() for first, last in (FAST, SLOW_NOISE))
+    high, low = (power[between(f, band)].mean() for band in (FAST, SLOW_NOISE))
     return float(high / low) if low else None
 
 
@@ -162,7 +162,7 @@ def window_quality(passage: "Passage", window_s: float) -> dict[str, float]:
     if passage.onset is None:
         return {}
     time = passage.frames
-    window = (time >= passage.onset) & (time <= passage.onset + window_s)
+    window = between(time, (passage.onset, passage.onset + window_s))
     before = (time >= passage.stance.heel_strike) & (time < passage.onset)
     residual = passage.recorded["foot"].residual
     in_window, usual = (np.sqrt(np.nanmean(residual[rows] ** 2)) for rows in (window, before))
@@ -209,7 +209,7 @@ def check_followed(
 
 def check_on_plate(plate: int, frames: Array, foot: Array, stance: Stance, corners: Array) -> None:
     """Refuse a foot whose markers (k, m, 3) [m] lie beside the plate while this is loaded."""
-    flat = phases_between(stance.phase(frames), FLAT)
+    flat = between(stance.phase(frames), FLAT)
     outside_m = furthest_outside(foot[flat].reshape(-1, 3), corners)
     if outside_m > LARGEST_OUTSIDE_M:
         raise InputError(
@@ -277,13 +277,13 @@ def check_roll(phase: Array, load: Array, push: Array, torque: Array) -> None:
         Undisturbed torque (n,) [N*m], else 0; in late stance every foot pushes the toes down.
     """
     both = np.vstack([load[1:], push])
-    late = both[:, phases_between(phase, LATE)].mean(axis=1)
-    flat = both[:, phases_between(phase, FLAT)].mean(axis=1)
+    late = both[:, between(phase, LATE)].mean(axis=1)
+    flat = both[:, between(phase, FLAT)].mean(axis=1)
     left, forward = (late - flat).reshape(2, 2).T
     size = np.hypot(left, forward)
     deg = np.abs(np.rad2deg(np.arctan2(left, forward)))
     turned = (deg > LARGEST_TURN_DEG) & (size > SMALLEST_CHANGE)
-    moment = torque[phases_between(phase, LATE)].mean()
+    moment = torque[between(phase, LATE)].mean()
     if moment >= 0 and not turned.any():
         return
     cause = (

@@ -268,7 +268,7 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
     mean = headline.ensemble.response
     budgets = headline.ensemble.budgets
     K = budgets["K"].value
-    of_offset = sum(each.standard or 0.0 for each in budgets["K"].of_source("offset"))
+    (of_offset,) = budgets["K"].of_source("offset")
     estimates: dict[str, Any] = {}
     for name in QUANTITIES:
         estimates.update(budgets[name].columns(name))
@@ -277,7 +277,7 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
         **estimates,
         "VAF": budgets["VAF"].value,
         "residual_over_gait": residual_over_gait(mean),
-        "offset_share": 2 * of_offset / abs(K) if K else None,
+        "offset_share": 2 * of_offset.size / abs(K) if K else None,
         "pace_change": mean.pace_change,
     }
 

@@ -169,6 +169,14 @@ def test_sines_of_another_protocol_are_taken_each_size_under_its_own_amplitude()
     assert [s.cycles for s in segments] == [6, 6, 6, 6]
 
 
+def test_amplitudes_a_quarter_apart_are_two_without_a_rest_between():
+    protocol = SteppedSineProtocol((0.08, 0.1), (2.0,), 8)
+
+    segments = segments_of(stepped(protocol, rests=(0.0, 1.0)), protocol)
+
+    assert [(segment.commanded, segment.cycles) for segment in segments] == [(0.08, 8), (0.1, 8)]
+
+
 def test_a_protocol_that_was_cut_short_is_fitted_with_its_warm_up():
     theta = np.concatenate([np.zeros(500), WARM, stepped()])[:4500]
 

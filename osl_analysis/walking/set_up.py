@@ -125,6 +125,9 @@ def crossing_quality(
     _, left_m, forward_m = load[:, :, None]
     pressure = (ankle.centre + left_m * ankle.axis + forward_m * ankle.forward)[flat]
     unlike_static = differences(trial, passage, ankle, calibration, settings)
+    above_m = passage.corners[:, 2].mean() - markers[..., 2].min()
+    what = f"the corners of force plate {settings.plate} above a marker of the foot"
+    unlike_static[what] = max(above_m, 0.0)
     different = max(unlike_static, key=lambda what: unlike_static[what])
     return CrossingQuality(
         cop_outside_m=cop_outside(pressure, markers),

@@ -73,6 +73,17 @@ def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(trial, 
     assert unperturbed(WALK).quality.different_mm < 0.5
 
 
+def test_corners_that_lie_above_a_marker_of_the_foot_are_told():
+    """They are 5 cm too high in all recordings, and the marker 3 cm above the plate."""
+    high = raised(WALK, [0.0, 0.0, 0.05])
+    calibration = replace(CALIBRATION, corners={1: np.add(synthetic.CORNERS, [0.0, 0.0, 0.05])})
+
+    quality = analyse_crossing(high, calibration, NO_CORRECTION, False, settings(), None, 0).quality
+
+    assert quality.different == "the corners of force plate 1 above a marker of the foot"
+    assert quality.different_mm == pytest.approx(20, abs=1)
+
+
 @pytest.mark.parametrize("heave", [0.0, HEAVE])
 def test_the_mass_of_a_heavy_plate_is_inside_its_interval(heave):
     """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02

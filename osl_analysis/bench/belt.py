@@ -30,7 +30,7 @@ QUADRATIC: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
 CONSTANT_VELOCITY = 0.05  # SD of a velocity over its mean, below which it makes a constant torque
 STRETCHES = 16  # of each branch, whose scatter gives its interval
 LEAST_DEFLECTION_DEG = 0.5
-LOADED = 0.05  # share of the peak where loading begins: the belt's hysteresis reverses below
+LOADED_SHARE = 0.05  # share of the peak where loading begins: the belt's hysteresis reverses below
 # of the joint's turn, below which a shaft rests: K_s is off by 1 % at most
 LARGEST_TURN_AT_REST = 0.01
 POINTS_PER_SECOND = 50.0  # of the curves of Fig. 3
@@ -39,9 +39,9 @@ POINTS_PER_SECOND = 50.0  # of the curves of Fig. 3
 def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Analysis:
     """Filter and fit one canonical trial.
 
-    The intervals hold what half and twice `LOADED` make of the estimates: where loading begins is
-    chosen, and the belt's hysteresis bends the curve there. When stamps were taken matters to no
-    slow load.
+    The intervals hold what half and twice `LOADED_SHARE` make of the estimates: where loading
+    begins is chosen, and the belt's hysteresis bends the curve there. When stamps were taken
+    matters to no slow load.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
         record = record_of(signals, settings, no_groups, deflection)
         record = replace(record, actuator=measured)
         analyses: list[Analysis] = []
-        for share in (LOADED, LOADED / 2, 2 * LOADED):
+        for share in (LOADED_SHARE, LOADED_SHARE / 2, 2 * LOADED_SHARE):
             model = analyses[0].model if analyses else None
             loaded = replace(record, groups=branches_of(record, share))
             analyses.append(fit_branches(loaded, settings.load_cell_drift / 60, model))
@@ -136,7 +136,7 @@ def loop_of(theta_s: Array) -> Loop:
     return find_loop(theta_s)
 
 
-def branches_of(record: Record, loaded_share: float = LOADED) -> Groups:
+def branches_of(record: Record, loaded_share: float = LOADED_SHARE) -> Groups:
     """Stretches of all loadings and all unloadings of a belt in usable rows, where it deflects by
     `loaded_share` of its peak or more.
 

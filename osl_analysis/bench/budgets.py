@@ -6,15 +6,28 @@ The sources have their words in `judge/findings.yaml`.
 """
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
 
 from osl_analysis.bench.impedance import Analysis
-from osl_analysis.bench.record import Record
+from osl_analysis.bench.lags import Belt
+from osl_analysis.bench.record import Label, Record
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.inference import ImpedanceInference
-from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, budget_rows
+from osl_analysis.stats.budget import (
+    LIKELY,
+    QUANTITIES,
+    WITHOUT_FRICTION,
+    Budget,
+    Contribution,
+    Row,
+    budget_rows,
+    unknown,
+)
+from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.rounding import significant
 
 VISCOELASTIC = "viscoelastic branch"
 # candidate models that are properties of a joint, and no faults
@@ -28,6 +41,7 @@ ERROR_SOURCES = {
     "clipping": "clipped_signal",
 }
 """By family of candidate models, the source."""
+LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told
 LEAST_PROBABILITY = 0.005  # of a candidate model that has a row: 40 of them do not make a doubt
 
 
@@ -105,3 +119,107 @@ def other_stamps(analysis: Analysis, name: str) -> list[Contribution]:
     moved = abs(analysis.other.whole[name] - analysis.whole[name])
     bound = float(moved / np.sqrt(3))
     return [Contribution("undecided_time_stamps", bound, basis="bound", part="fault")]
+
+
+@dataclass(frozen=True)
+class WhatElse:
+    """What a recording tells beside Eq. 15."""
+
+    analysis: Analysis  # Eq. 15 itself
+    belt: Belt  # of a leg
+    joint: ImpedanceInference | None  # of a joint: the candidate models; None: not weighed
+    is_friction_untold: bool  # whether the motion does not tell friction from damping
+    without_friction: Mapping[Label, LinearFit]  # where friction is certain
+    ranges: Row  # the range of estimates over amplitudes and frequencies
+    gains_are_known: bool  # and tell a wrong gain of torque over angle
+
+
+def over_motion(found: WhatElse, name: str) -> list[Contribution]:
+    """Half of the range of an estimate over the motion. Where most of it is a change from the
+    smallest to the largest amplitude, beyond noise, it has a name: a stiffening spring, or
+    backlash, raises K, and friction lowers K and B."""
+    low, high = found.ranges.get(f"{name}_range_low"), found.ranges.get(f"{name}_range_high")
+    if not (isinstance(low, float) and isinstance(high, float)):
+        return []
+    source = "amplitude"
+    fits = found.analysis.fits
+    labels = sorted(label for label in fits if isinstance(label, float))
+    if len(labels) > 1:
+        small, large = fits[labels[0]], fits[labels[-1]]
+        change = large[name] - small[name]
+        noise = np.hypot(small.half_width(name), large.half_width(name))
+        if abs(change) > max(noise, (high - low) / 2):
+            if change < 0 and name != "I":
+                source = "friction"
+            elif name == "K":
+                source = "nonlinear_spring"
+    detail = "over amplitudes and frequencies"
+    return [Contribution(source, (high - low) / 2, basis="measured", part="motion", detail=detail)]
+
+
+def certain_lag(found: WhatElse, name: str) -> list[Contribution]:
+    """What the certain lag of a leg's torque takes off B and I.
+
+    exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
+    """
+    lag = found.belt.lag
+    if lag is None or not lag.certain("lag_s") or name == "K":
+        return []
+    lag_s = lag["lag_s"]
+    whole = found.analysis.whole
+    by = whole["K"] * lag_s
+    if name == "I":
+        by = (whole["B"] + by / 2) * lag_s
+    detail = f"the torque lags the angle by {significant(1e3 * lag_s, 3)} ms"
+    return [Contribution("late_torque", abs(by), basis="measured", part="fault", detail=detail)]
+
+
+def unchecked(found: WhatElse, name: str) -> list[Contribution]:
+    """What this recording does not tell, by source."""
+    record = found.analysis.record
+    settings = record.settings
+    K, B, I = (found.analysis.whole[each] for each in QUANTITIES)
+    rows = []
+    of_path = found.joint.probability_of("path") if found.joint else 0.0
+    lag = found.belt.lag
+    # a belt that tells the lag so badly that it may be a tenth of B
+    is_untold = lag is None or K * lag.half_width("lag_s") > LARGE_DELAY * abs(B)
+    if is_untold and "delay" not in stated_models(record) and of_path < LIKELY:
+        rows.append(unknown("late_torque", "ms", B=1e-3 * K, I=1e-3 * B))
+    if not settings.calibration.torque_gain and not found.gains_are_known:
+        rows.append(unknown("wrong_gain", "%", K=0.01 * K, B=0.01 * B, I=0.01 * I))
+    # channels of one clock have the same rate
+    rates = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
+    if not np.ptp(rates or [0.0]):
+        rows.append(unknown("clocks_disagree", "%", B=0.01 * B, I=0.02 * I))
+    if settings.fixture is None:
+        rows.append(unknown("fixture_inertia", "N*m", K=1.0))
+        rows.append(unknown("fixture_inertia", "kg*m^2", I=1.0))
+    if found.joint is None:
+        rows.append(unknown("change_over_time", K=0.0))
+    if found.is_friction_untold:
+        rows.append(unknown("friction", B=0.0))
+    return [of_source[name] for of_source in rows if name in of_source]
+
+
+def with_other_contributions(found: WhatElse, own: Mapping[str, Budget]) -> dict[str, Budget]:
+    """The estimates of a whole trial with what another motion, a fault, and what was not checked
+    would change, source by source; and, where friction is taken off, with what it changes."""
+    stated = stated_models(found.analysis.record)
+    complete = dict(own)
+    for k, name in enumerate(QUANTITIES):
+        without = WITHOUT_FRICTION[name]
+        common = [
+            *over_motion(found, name),
+            *other_stamps(found.analysis, name),
+            *certain_lag(found, name),
+            *alternatives(found.joint, stated, k),
+            *unchecked(found, name),
+        ]
+        complete[name] = own[name].plus(*common)
+        if without in own:
+            complete[without] = own[without].plus(*common)
+            half = abs(own[name].value - own[without].value) / 2
+            friction = Contribution("friction", half, basis="measured", part="motion")
+            complete[name] = complete[name].plus(friction)
+    return complete

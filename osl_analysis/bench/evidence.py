@@ -2,15 +2,13 @@
 """Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, the budget of each
 estimate, and what else the plausibility of a trial is judged by."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_models
+from osl_analysis.bench.budgets import WhatElse, fit_tables, with_other_contributions
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
     actuator_of_leg,
@@ -27,7 +25,7 @@ from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_o
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, sums_of
 from osl_analysis.bench.rendered_gains import rendered_gains
-from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
+from osl_analysis.inference import FrictionlessActuator
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import (
     NOTHING_STATED,
@@ -35,19 +33,7 @@ from osl_analysis.model.drivetrain import (
     StatedOfDevice,
     dynamic_stiffness,
 )
-from osl_analysis.stats.budget import (
-    LIKELY,
-    QUANTITIES,
-    WITHOUT_FRICTION,
-    Budget,
-    Contribution,
-    Row,
-    unknown,
-)
-from osl_analysis.stats.linear_fit import LinearFit
-from osl_analysis.stats.rounding import significant
-
-LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told
+from osl_analysis.stats.budget import QUANTITIES, WITHOUT_FRICTION, Budget, Row
 
 
 @dataclass(frozen=True)
@@ -157,7 +143,8 @@ def impedance_table(
     rendered = None
     if p and desired.controller:
         rendered = rendered_gains(analysis, p, of_device)
-    found = what_else(analysis, s, p, rendered is not None and rendered.VAF > whole.vaf)
+    is_of_gains = rendered is not None and rendered.VAF > whole.vaf
+    found = what_else(analysis, s, p, is_of_gains, bool(gains))
 
     other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
@@ -176,53 +163,47 @@ def impedance_table(
     fits = []
     for label in analysis.fits:
         variance = s.of(label).covariance(["theta"])
-        budgets = estimates_of(analysis, found, label)
-        if label is None:
-            budgets = with_other_contributions(analysis, found, budgets, bool(gains))
-            if rendered:
-                budgets = {**budgets, **rendered.budgets}
-                # linear theory has no friction: that of B is in the rendered damping, too
-                friction = [
-                    each for each in budgets["B"].contributions if each.source == "friction"
-                ]
-                budgets["B_d_rendered"] = budgets["B_d_rendered"].plus(*friction)
         row: Row = {
             **analysis.place(label),
             **analysis.diagnostics(label),
-            **(found.ranges if label is None else {}),
-            "VAF_rendered": rendered.VAF if rendered and label is None else None,
             "torque_error": torque_error(analysis.sums, label, desired),
             "theta_rms_deg": np.rad2deg(np.sqrt(variance[0, 0])),
             "fitted_s": record.is_fitted(label).sum() / record.rate_hz,
             **of_trial,
         }
+        budgets = estimates_of(analysis, found, label)
+        if label is None:
+            row.update(found.ranges)
+            budgets = with_other_contributions(found, budgets)
+            if rendered:
+                row["VAF_rendered"] = rendered.VAF
+                budgets.update(rendered.budgets)
         fits.append((row, budgets))
     tables = fit_tables("impedance", *fits)
     table = tables["impedance"]
     # a leg's friction hides it without compensation; Eq. 15 is of motion below the cut-off
-    is_slow = record.band_hz[1] <= record.settings.cutoff_hz
-    if gains and gains.cancels_friction and is_slow:
-        apart = pl.col("B_predicted") - pl.col("B")
-        half_width = (pl.col("B_high") - pl.col("B_low")) / 2
-        half_range = ((pl.col("B_range_high") - pl.col("B_range_low")) / 2).max().fill_null(0.0)
-        certain = (apart.abs() - (half_width**2 + half_range**2).sqrt()).clip(0)
-        table = table.with_columns(B_gap_s=apart.sign() * certain / pl.col("K").abs())
-    return {**tables, "impedance": beside_known(table, p, desired)}
+    if gains and gains.cancels_friction and record.band_hz[1] <= record.settings.cutoff_hz:
+        table = table.with_columns(B_gap_s=damping_gap())
+    of_whole = fits[-1][1]
+    K = of_whole.get(WITHOUT_FRICTION["K"], of_whole["K"])
+    return {**tables, "impedance": beside_known(table, p, desired, K)}
 
 
-@dataclass(frozen=True)
-class WhatElse:
-    """What a recording tells beside Eq. 15."""
-
-    belt: Belt  # of a leg
-    joint: ImpedanceInference | None  # of a joint: the candidate models; None: not weighed
-    is_friction_untold: bool  # whether the motion does not tell friction from damping
-    without_friction: Mapping[Label, LinearFit]  # where friction is certain
-    ranges: Row  # the range of estimates over amplitudes and frequencies
+def damping_gap() -> pl.Expr:
+    """How much B is below the predicted one, beyond its half-width and half-range, over K [s]."""
+    apart = pl.col("B_predicted") - pl.col("B")
+    half_width = (pl.col("B_high") - pl.col("B_low")) / 2
+    half_range = ((pl.col("B_range_high") - pl.col("B_range_low")) / 2).max().fill_null(0.0)
+    certain = (apart.abs() - (half_width**2 + half_range**2).sqrt()).clip(0)
+    return apart.sign() * certain / pl.col("K").abs()
 
 
 def what_else(
-    analysis: Analysis, s: Sums, p: DrivetrainParameters | None, is_of_gains: bool
+    analysis: Analysis,
+    s: Sums,
+    p: DrivetrainParameters | None,
+    is_of_gains: bool,
+    gains_are_known: bool,
 ) -> WhatElse:
     """Weigh the candidate models of a joint or look at the belt of a leg, and fit dry friction."""
     record = analysis.record
@@ -250,12 +231,14 @@ def what_else(
         fit_part = partial(fit_less, column=column, size=size)
         ranges |= range_over(parts, fit_part, whole, {"B": "B_viscous"})
     return WhatElse(
+        analysis=analysis,
         belt=belt_of_leg(record, p) if p and of_leg and "theta_m" in record.actuator else Belt(),
         joint=joint,
         is_friction_untold=not (of_leg and inferred)
         and is_friction_untold(s, analysis, coulomb, inferred is not None),
         without_friction=certain,
         ranges=ranges,
+        gains_are_known=gains_are_known,
     )
 
 
@@ -273,108 +256,11 @@ def estimates_of(analysis: Analysis, found: WhatElse, label: Label) -> dict[str,
     return budgets
 
 
-def with_other_contributions(
-    analysis: Analysis, found: WhatElse, budgets: dict[str, Budget], gains_are_known: bool
-) -> dict[str, Budget]:
-    """The estimates of a whole trial with what another motion, a fault, and what was not checked
-    would change."""
-    stated = stated_models(analysis.record)
-    of_lag = moved_by_lag(found.belt, budgets)
-    not_checked = unchecked(analysis, found, budgets, stated, gains_are_known)
-    complete = dict(budgets)
-    for k, name in enumerate(QUANTITIES):
-        common = [
-            *over_motion(analysis, found.ranges, name),
-            *other_stamps(analysis, name),
-            *of_lag.get(name, ()),
-            *alternatives(found.joint, stated, k),
-            *(of_source[name] for of_source in not_checked if name in of_source),
-        ]
-        without = WITHOUT_FRICTION[name]
-        own = budgets[name]
-        if without in budgets:
-            complete[without] = budgets[without].plus(*common)
-            half = abs(own.value - budgets[without].value) / 2
-            own = own.plus(Contribution("friction", half, basis="measured", part="motion"))
-        complete[name] = own.plus(*common)
-    return complete
-
-
-def over_motion(analysis: Analysis, ranges: Row, name: str) -> list[Contribution]:
-    """Half of the range of an estimate over the motion. Where most of it is a change from the
-    smallest to the largest amplitude, beyond noise, it has a name: a stiffening spring, or
-    backlash, raises K, and friction lowers K and B."""
-    low, high = ranges.get(f"{name}_range_low"), ranges.get(f"{name}_range_high")
-    if not (isinstance(low, float) and isinstance(high, float)):
-        return []
-    source = "amplitude"
-    labels = sorted(label for label in analysis.fits if isinstance(label, float))
-    if len(labels) > 1:
-        small, large = analysis.fits[labels[0]], analysis.fits[labels[-1]]
-        change = large[name] - small[name]
-        noise = np.hypot(small.half_width(name), large.half_width(name))
-        if abs(change) > max(noise, (high - low) / 2):
-            if change < 0 and name != "I":
-                source = "friction"
-            elif name == "K":
-                source = "nonlinear_spring"
-    detail = "over amplitudes and frequencies"
-    return [Contribution(source, (high - low) / 2, basis="measured", part="motion", detail=detail)]
-
-
-def moved_by_lag(belt: Belt, budgets: Mapping[str, Budget]) -> dict[str, list[Contribution]]:
-    """What the certain lag of a leg's torque takes off B and I.
-
-    exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
-    """
-    if belt.lag is None or not belt.lag.certain("lag_s"):
-        return {}
-    lag_s = belt.lag["lag_s"]
-    K, B = budgets["K"].value, budgets["B"].value
-    detail = f"the torque lags the angle by {significant(1e3 * lag_s, 3)} ms"
-    moved = {"B": K * lag_s, "I": (B + K * lag_s / 2) * lag_s}
-    return {
-        name: [Contribution("late_torque", abs(by), basis="measured", part="fault", detail=detail)]
-        for name, by in moved.items()
-    }
-
-
-def unchecked(
-    analysis: Analysis,
-    found: WhatElse,
-    budgets: Mapping[str, Budget],
-    stated: set[str],
-    gains_are_known: bool,
-) -> list[dict[str, Contribution]]:
-    """What this recording does not tell, by source and estimate."""
-    record = analysis.record
-    settings = record.settings
-    K, B, I = (budgets[name].value for name in QUANTITIES)
-    rows = []
-    of_path = found.joint.probability_of("path") if found.joint else 0.0
-    lag = found.belt.lag
-    # a belt that tells the lag so badly that it may be a tenth of B
-    is_untold = lag is None or K * lag.half_width("lag_s") > LARGE_DELAY * abs(B)
-    if is_untold and "delay" not in stated and of_path < LIKELY:
-        rows.append(unknown("late_torque", "ms", B=1e-3 * K, I=1e-3 * B))
-    if not settings.calibration.torque_gain and not gains_are_known:
-        rows.append(unknown("wrong_gain", "%", K=0.01 * K, B=0.01 * B, I=0.01 * I))
-    # channels of one clock have the same rate
-    rates = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
-    if not np.ptp(rates or [0.0]):
-        rows.append(unknown("clocks_disagree", "%", B=0.01 * B, I=0.02 * I))
-    if settings.fixture is None:
-        rows.append(unknown("fixture_inertia", "N*m", K=1.0))
-        rows.append(unknown("fixture_inertia", "kg*m^2", I=1.0))
-    if found.joint is None:
-        rows.append(unknown("change_over_time", K=0.0))
-    if found.is_friction_untold:
-        rows.append(unknown("friction", B=0.0))
-    return rows
-
-
 def beside_known(
-    table: pl.DataFrame, p: DrivetrainParameters | None, desired: DesiredImpedance
+    table: pl.DataFrame,
+    p: DrivetrainParameters | None,
+    desired: DesiredImpedance,
+    K: Budget,
 ) -> pl.DataFrame:
     """Hold the estimates of Eq. 15 against the belt, the gains and the sample sheet.
 
@@ -386,13 +272,16 @@ def beside_known(
         The device; None for one without a parameter file.
     desired
         What the sheet states.
+    K
+        Of the whole trial, without friction where this is known.
 
     Returns
     -------
     polars.DataFrame
         The table with `K_over_K_s`, and `K_ratio`, K over the predicted one, or `K_over_K_d` and
-        `B_over_B_d`. These take K and B without friction where they are known, else K at the
-        largest amplitude, where friction changes it least.
+        `B_over_B_d`. These take K and B without friction where they are known; for `K_ratio` else K
+        at the largest amplitude, where friction changes it least; for `K_over_K_d` what of K and of
+        its range is nearest to K_d.
     """
     whole = table.row(-1, named=True)
     largest = table.sort("amplitude_deg")["K"][-1]
@@ -402,20 +291,15 @@ def beside_known(
     if predicted:
         known["K_ratio"] = of_spring / predicted
     elif desired.K_d:
-        known["K_over_K_d"] = nearest_in_range(whole, of_spring, desired.K_d) / desired.K_d
+        # an amplitude at which the joint renders K_d speaks against a wrong gain or unit, and so
+        # does a spring that hardens
+        low, high = K.value - K.half_range, K.value + K.half_range
+        known["K_over_K_d"] = float(np.clip(desired.K_d, low, high)) / desired.K_d
         if desired.B_d:
             known["B_over_B_d"] = (whole["B_viscous"] or whole["B"]) / desired.B_d
     if p is not None and np.isfinite(p.K_s):
         known["K_over_K_s"] = pl.col("K") / p.K_s
     return table.with_columns(**known)
-
-
-def nearest_in_range(fit: Mapping[str, Any], K: float, K_d: float) -> float:
-    """What of K and of its range is nearest to K_d: an amplitude at which the joint renders K_d
-    speaks against a wrong gain or unit."""
-    ends = [fit.get(f"K_range_{end}") for end in ("low", "high")]
-    values = [K, *(value for value in ends if value is not None)]
-    return float(np.clip(K_d, min(values), max(values)))
 
 
 def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:

@@ -35,7 +35,7 @@ from osl_analysis.stats.linear_fit import LinearFit, products_between, solved
 
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
 SAME_FREQUENCY_RATIO = 1.02  # ratio of frequencies below which noise alone would tell K from I
-FEWEST_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
+FEWEST_ENCODER_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
 # of the power of the acceleration's own part that may be noise of the encoder
 MOST_ENCODER_NOISE = 0.25
 
@@ -278,10 +278,10 @@ def check_encoder(analysis: Analysis) -> None:
     """
     record = analysis.record
     moved = np.ptp(record.theta[record.is_fitted()])
-    if moved < FEWEST_STEPS * record.encoder_step:
+    if moved < FEWEST_ENCODER_STEPS * record.encoder_step:
         raise InputError(
             f"the joint hardly moves: theta turns by {moved / record.encoder_step:.0f} steps of"
-            f" its encoder, {FEWEST_STEPS:g} are needed",
+            f" its encoder, {FEWEST_ENCODER_STEPS:g} are needed",
             "move it by more, and check the unit of theta in the source file",
         )
     covariance = analysis.sums.covariance(["theta", "omega", "alpha"])

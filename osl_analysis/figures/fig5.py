@@ -58,7 +58,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
             first.set_xticks([])
         draw_trials(last, "B", damping, most)
 
-    keys = [*style.estimate_keys(table, "K"), *style.labelled(axes, Line2D)]
+    keys = [*style.estimate_keys(axes, table), *style.labelled(axes, Line2D)]
     style.legend_above(figure, keys)
     return figure
 

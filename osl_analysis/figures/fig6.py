@@ -56,10 +56,11 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
 
 
 def areas(rows: pl.DataFrame, table: pl.DataFrame) -> Array:
-    """Area of each fit's marker (n,), of the usual one: its amplitude, of the table's largest."""
+    """Area of each fit's marker (n,), of the usual one, whose diameter is that of the table's
+    largest amplitude."""
     largest = table["amplitude_deg"].cast(pl.Float64).max() or 1.0
     share = rows["amplitude_deg"].cast(pl.Float64).fill_null(largest) / largest
-    return share.to_numpy()
+    return share.to_numpy() ** 2
 
 
 def amplitude_keys(table: pl.DataFrame) -> list[Line2D]:

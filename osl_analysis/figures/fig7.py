@@ -134,7 +134,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     for ax, quantity in zip(axes[:: len(parts)], quantities, strict=True):
         ax.set_ylabel(LABELS[quantity])
 
-    keys = [*style.estimate_keys(observed, "magnitude"), *style.labelled(axes, Line2D)]
+    keys = [*style.estimate_keys(axes, observed), *style.labelled(axes, Line2D)]
     if len(table.filter(curve=LINEAR_MODEL)):
         keys.append(style.key("Linear model", color=style.GREY, linestyle="--"))
     style.legend_above(figure, keys)

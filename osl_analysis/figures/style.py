@@ -21,6 +21,7 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -183,6 +184,7 @@ def has_values(table: pl.DataFrame, column: str) -> bool:
 
 # bars of an estimate: ending of its columns, label, width [pt]
 BARS = (("", "95 % interval", 2), ("_range", "Range", 0.5))
+POINTS_PER_INCH = 72
 SWARM_ROWS = 24  # markers of a swarm that have room one above the other
 
 
@@ -231,10 +233,10 @@ def draw_fits(
 def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> None:
     """Draw the column `y` over `x` as `draw_fits`, before thin bars for the range over single
     motion and thick ones for the 95 % interval, where these are known."""
-    for ending, _, width in BARS:
+    for ending, label, width in BARS:
         ends = [f"{y}{ending}_low", f"{y}{ending}_high"]
         known = rows.drop_nulls(ends)
-        ax.vlines(known[x], *known.select(ends), color=look.colour, linewidth=width)
+        ax.vlines(known[x], *known.select(ends), color=look.colour, linewidth=width, label=label)
     draw_fits(ax, rows, rows[x], rows[y], look, [y])
 
 
@@ -259,16 +261,26 @@ def open_keys(table: pl.DataFrame) -> list[Line2D]:
     return [key("Open: doubtful", marker="o", color=GREY, mfc=WHITE)] if has_doubtful(table) else []
 
 
-def estimate_keys(table: pl.DataFrame, quantity: str) -> list[Line2D]:
-    """What `draw_estimates` has drawn of a quantity: controllers, bars and open markers."""
+def estimate_keys(axes: Sequence[Axes], table: pl.DataFrame) -> list[Line2D]:
+    """What `draw_estimates` has drawn that is seen: controllers, bars of which one is longer than
+    its marker, and open markers."""
     keys = [
         key(look.label, marker=look.marker, color=look.colour) for look, _ in by_controller(table)
     ]
     length = 2 * mpl.rcParams["lines.markersize"]
-    for ending, label, width in BARS:
-        if has_values(table, f"{quantity}{ending}_low"):
+    for _, label, width in BARS:
+        if any(longest_bar(ax, label) > mpl.rcParams["lines.markersize"] for ax in axes):
             keys.append(key(label, marker="|", color=GREY, markersize=length, mew=width))
     return keys + open_keys(table)
+
+
+def longest_bar(ax: Axes, label: str) -> float:
+    """Length of the longest bar of this label as it is drawn [pt]."""
+    lengths = [0.0]
+    for bars in ax.collections:
+        if isinstance(bars, LineCollection) and bars.get_label() == label:
+            lengths += [np.ptp(ax.transData.transform(ends)[:, 1]) for ends in bars.get_segments()]
+    return max(lengths) * POINTS_PER_INCH / ax.figure.dpi
 
 
 def labelled(axes: Sequence[Axes], kind: type = object) -> list[Any]:

@@ -18,7 +18,7 @@ The way of one estimate, the damping of a trial whose torque is late, to the pag
 6. `judging.marked` writes the verdicts into `K_verdict`, `B_verdict` and `I_verdict`, doubts into
    `doubtful`, and the rest into `remarks`. `campaign.campaign_findings` gathers all findings for
    `findings.csv`, from which `campaign.causes_in_campaign` counts trials for `summary.json`, and
-   `report.trial_page` shows each trial its own.
+   `report.page` shows each trial its own.
 
 The code says `torque_path`; readers see the title of `findings.yaml`. Words decide nothing.
 """

@@ -64,6 +64,7 @@ class Judged:
 
     symbol: str  # K, B or I, whose accuracy it needs
     name: str  # its column
+    judged: str  # the column that is judged, without friction where this is certain
     unit: str
     budget: Budget
     verdict: Verdict
@@ -77,9 +78,8 @@ class Judged:
     def width(self, half: float) -> str:
         """How wide its interval is, beside what is needed, in words."""
         largest = max(self.budget.of_parts(*IN_INTERVAL), key=lambda each: each.size)
-        judged_name = self.name if self.own is self.budget else f"{self.name} without friction"
         return (
-            f"{judged_name} is known to {significant(half)} {self.unit}, most of it"
+            f"{self.judged} is known to {significant(half)} {self.unit}, most of it"
             f" {largest.source.replace('_', ' ')}, and {significant(self.needed)} is needed"
         )
 
@@ -155,7 +155,7 @@ def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) 
             needed = accuracy[symbol] * math.hypot(budget.value, FLOOR[symbol])
             verdict = budget.verdict(needed)
             unit = units[name].unit
-            found.append(Judged(symbol, own, unit, budget, verdict, needed, budgets[own]))
+            found.append(Judged(symbol, own, name, unit, budget, verdict, needed, budgets[own]))
     return found
 
 
@@ -268,8 +268,16 @@ def of_numbers(numbers: Numbers) -> list[Finding]:
     found = []
     for (name, of_cause), evidence in by_cause.items():
         remedies = [number.rule.remedy for number in evidence]
-        remedy = next(filter(None, remedies), "")
-        found.append(Finding(name, "", "", Grade(of_cause), tuple(evidence), remedy=remedy))
+        finding = Finding(
+            name=name,
+            grade=Grade(of_cause),
+            evidence=tuple(evidence),
+            remedy=next(filter(None, remedies), ""),
+        )
+        if known_finding(name).is_of_estimate:  # the others of the row can be right
+            estimates = [number.column.removesuffix("_high") for number in evidence]
+            finding = replace(finding, estimates=tuple(estimates))
+        found.append(finding)
     return found
 
 
@@ -426,10 +434,8 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
 
 
 def remark_of(finding: Finding) -> str:
-    """What stands of a finding in the column `remarks`: friction that could not be checked is no
-    property of the device."""
-    is_friction = finding.grade is Grade.UNCHECKED and finding.name == "friction"
-    return "friction not checked" if is_friction else finding.cause
+    """What stands of a finding in the column `remarks`: what could not be checked is not found."""
+    return f"{finding.cause} not checked" if finding.grade is Grade.UNCHECKED else finding.cause
 
 
 def results_in(remarks: str | None) -> list[str]:

@@ -33,6 +33,8 @@ class KnownFinding:
         it says, and not doubtful.
     spoils_estimates
         Whether it names the cause where an estimate is doubtful.
+    is_of_estimate
+        Whether a number beyond its limit is about its own estimate alone.
     """
 
     name: str
@@ -44,6 +46,7 @@ class KnownFinding:
     unseen_remedy: str = ""
     is_result: bool = False
     spoils_estimates: bool = False
+    is_of_estimate: bool = False
 
 
 LIMIT_SIDES = ("above", "below", "ratio")  # of limits

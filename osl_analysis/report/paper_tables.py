@@ -15,7 +15,7 @@ import polars as pl
 from osl_analysis.base.files import own_yaml
 from osl_analysis.judge.judging import results_in
 from osl_analysis.report.typography import in_latex, in_markdown, markdown_table, template
-from osl_analysis.stats.budget import IN_INTERVAL, WIDE, budgets_in
+from osl_analysis.stats.budget import IN_INTERVAL, QUANTITIES, WIDE, WITHOUT_FRICTION, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 from osl_analysis.stats.rounding import (
     NOTHING,
@@ -104,8 +104,10 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
 def wide_estimates(fit: Mapping[str, Any]) -> list[str]:
     """Which estimates of a fit are known less well than is needed; where friction is certain, those
     without it are judged."""
-    of = " without friction" if fit.get("B_viscous") is not None else ""
-    return [f"{name}{of}" for name in ("K", "B", "I") if fit.get(f"{name}_verdict") == WIDE]
+    wide = [name for name in QUANTITIES if fit.get(f"{name}_verdict") == WIDE]
+    if fit.get("B_viscous") is None:
+        return wide
+    return [WITHOUT_FRICTION[name] for name in wide]
 
 
 def range_text(fits: pl.DataFrame, symbol: str) -> str:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from osl_analysis.base.errors import first_of, shortened
+from osl_analysis.bench.summaries import COMPARED
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.figures.drawing import look_numbers
 from osl_analysis.judge.campaign import (
@@ -223,12 +224,6 @@ def causes_not_checked(findings: Sequence[CampaignFinding]) -> list[str]:
 # and better with compensation than without.
 
 
-ERRORS = {  # with their units
-    "K": (100 * (pl.col("K") / pl.col("K_d") - 1).abs(), "%"),
-    "B": ((pl.col("B") - pl.col("B_d")).abs(), "N*m*s/rad"),
-}
-
-
 def answer(tables: Mapping[str, pl.DataFrame]) -> str:
     """How far K and B of the trials are at most from what was asked for, by controller, and in how
     many pairs compensation is nearer; empty where nothing was asked for, or all is doubtful.
@@ -247,7 +242,8 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
     texts: list[str] = []
     for trials in whole.partition_by("controller")[:MOST_IN_SENTENCE]:
         clauses = []
-        for symbol, (error, unit) in ERRORS.items():
+        for symbol in ("K", "B"):
+            unit, error, _ = COMPARED[f"{symbol}_error"]
             worst = counted(trials, [symbol]).select(error.max()).item()
             if worst is not None:
                 size = f"within {significant(worst)} {unit}"
@@ -257,7 +253,7 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
     pairs = tables.get("compensation", pl.DataFrame())
     if texts and len(pairs):  # an empty file has no types
         nearer = []
-        for symbol in ERRORS:
+        for symbol in ("K", "B"):
             of_quantity = pairs.filter(of="trials", quantity=f"{symbol}_error")
             better, count = of_quantity.select(pl.sum("better", "pairs")).row(0)
             if count:
@@ -266,5 +262,4 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
             texts.append(f"compensation is nearer {', '.join(nearer)} pairs")
     if not texts:
         return ""
-    sentence = "; ".join(texts)
-    return f"{sentence[0].upper()}{sentence[1:]}."
+    return f"In fits to whole trials, {'; '.join(texts)}."

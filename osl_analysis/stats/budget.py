@@ -29,15 +29,16 @@ INTERVAL_ENDS = ("", "_low", "_high")
 
 Part = Literal["repeatability", "sensor", "bench", "motion", "fault"]
 """repeatability: the scatter of this recording; sensor: encoder and rounding; bench: what is stated
-or assumed of it; motion: what another amplitude or frequency would change; fault: what a fault of
-the recording would change. The last two are in no interval."""
+or assumed of it, and of friction; motion: what another amplitude or frequency would change; fault:
+what a fault of the recording would change. The last two are in no interval."""
 IN_INTERVAL: tuple[Part, ...] = ("repeatability", "sensor", "bench")
 Basis = Literal["measured", "stated", "assumed", "bound", "weighed"]
 OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
     "encoder": ("sensor", "measured"),
     "usual_error": ("sensor", "assumed"),
+    "friction": ("bench", "measured"),
     "friction_sign": ("repeatability", "assumed"),
-    "friction_shape": ("sensor", "weighed"),
+    "friction_shape": ("bench", "weighed"),
     "loading_begins": ("repeatability", "assumed"),
     "spring_loss": ("bench", "assumed"),
     "belt_error": ("bench", "assumed"),
@@ -45,6 +46,7 @@ OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
 }
 """Part and basis of known errors; others are stated of the bench."""
 OF_ONE_TRIAL = (
+    "friction",
     "friction_sign",
     "friction_shape",
     "loading_begins",
@@ -94,7 +96,7 @@ WITHOUT_FRICTION = {
 """Columns of a friction, and of K, B and I without it."""
 UNITS = {
     "K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
-    "K_d_rendered": "N*m/rad", "B_d_rendered": "N*m*s/rad",
+    "K_d_rendered": "N*m/rad", "B_d_rendered": "N*m*s/rad", "loop_delay_s": "s",
 }  # fmt: skip
 
 

@@ -170,7 +170,7 @@ def standard_error(row, name):
 
 def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
     row = calibrated(spring(1e-3, 1.02), known_K=300.0)
-    assert row["doubtful"] == "late torque; wrong gain"
+    assert row["doubtful"] == "delay of the torque; wrong gain"
     assert yaml.safe_load(row["to_state"])["calibration"]["delay"] == pytest.approx(
         standard_error(row, "lag_s"), rel=0.05
     )
@@ -202,11 +202,11 @@ PENDULUM = {"K": 0.0, "damping": 0.05, "weight": 2.0, "I": 0.2}
 
 @pytest.mark.parametrize(("made", "known", "true", "lag_se", "doubtful"), [
     ({}, KNOWN_SPRING, {"gain": 1.0, "lag_s": 0.0, "inertia": 0.004}, 1e-4, ""),
-    ({"late_s": 8e-3}, KNOWN_SPRING, {"lag_s": 8e-3}, 1e-4, "late torque"),
+    ({"late_s": 8e-3}, KNOWN_SPRING, {"lag_s": 8e-3}, 1e-4, "delay of the torque"),
     ({"damping": 3.0}, KNOWN_SPRING, {"B": 3.0, "lag_s": 0.0}, 8e-4, ""),
     ({"late_s": -5e-4, "gain": 0.97, **PENDULUM}, {"known_I": 0.2},
      {"lag_s": -5e-4, "gain": 0.97, "weight": 2.0, "B": 0.97 * 0.05}, 1e-4,
-     "late torque; wrong gain"),
+     "delay of the torque; wrong gain"),
 ])  # fmt: skip
 def test_a_known_spring_or_inertia_tells_what_is_true_of_the_bench(
     made, known, true, lag_se, doubtful
@@ -320,7 +320,7 @@ def test_a_clock_that_drifts_is_told_from_lag_and_friction(ppm):
         assert abs(row[name] - true) < 4 * standard_error(row, name), name
     assert standard_error(row, "clock_drift_ppm") < 3
     assert "clocks that do not fit" in row["doubtful"]
-    assert "late torque" not in row["doubtful"]
+    assert "delay of the torque" not in row["doubtful"]
 
 
 def test_a_friction_that_drives_the_motion_is_refused():

@@ -5,6 +5,7 @@ stiffens, backlash."""
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -17,7 +18,8 @@ from shipped import CONFIG
 from shipped import LEG as P
 
 from osl_analysis.base.trial import Trial
-from osl_analysis.bench.evidence import impedance_table, moved_by_lag
+from osl_analysis.bench.budgets import WhatElse, certain_lag
+from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
@@ -28,10 +30,9 @@ from osl_analysis.judge import judging
 from osl_analysis.judge.finding import Grade
 from osl_analysis.model.drivetrain import PARAMETER_UNITS
 from osl_analysis.report.numbers import headline_numbers, headline_sentences
-from osl_analysis.stats.budget import Budget
 from osl_analysis.stats.linear_fit import LinearFit
 
-LATENESS = "late torque"
+LATENESS = "delay of the torque"
 
 LIMITS = CONFIG.doubtful.of("impedance")
 SETTINGS = CONFIG.dynamometer
@@ -179,10 +180,12 @@ def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     numbers = (np.array([0.01]), np.array([[2.5e-9]]), 100.0, "units", np.array([9.0]))
     lag = LinearFit(("lag_s",), *numbers)
 
-    moved = moved_by_lag(Belt(lag=lag), {"K": Budget(300.0), "B": Budget(2.0)})
+    analysis = SimpleNamespace(whole={"K": 300.0, "B": 2.0})
+    found = WhatElse(analysis, Belt(lag=lag), None, False, {}, {}, False)
 
-    assert moved["B"][0].standard == pytest.approx(3)
-    assert moved["I"][0].standard == pytest.approx(0.035)
+    assert not certain_lag(found, "K")
+    assert certain_lag(found, "B")[0].standard == pytest.approx(3)
+    assert certain_lag(found, "I")[0].standard == pytest.approx(0.035)
 
 
 def test_without_the_angle_of_its_shaft_known_gains_make_a_leg():

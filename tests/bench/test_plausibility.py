@@ -163,7 +163,7 @@ def test_a_sound_recording_is_not_doubtful(experiment, changes):
     ("belt", {"theta": lambda x: x.clip(max=0.9 * x.max())}, "clipped signal",
      "saturated_samples", "above"),
     # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to the damping
-    ("belt", {"torque": lambda torque: np.roll(torque, 2)}, "late torque", "B_loading_high",
+    ("belt", {"torque": lambda torque: np.roll(torque, 2)}, "delay of the torque", "B_loading_high",
      "below"),
 ])  # fmt: skip
 def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, changes, cause, column, side):

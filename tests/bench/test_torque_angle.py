@@ -16,7 +16,7 @@ from osl_analysis.bench.cycles import find_loop
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.ingest.quality import saturated
 
-ALWAYS = {"late torque", "fixture"}
+ALWAYS = {"delay of the torque not checked", "fixture not checked"}
 
 RATE = 250.0
 PERIOD = 8.0

@@ -45,7 +45,6 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.model.compensator import stiffness_gain
 from osl_analysis.model.drivetrain import (
-    LONGEST_LOOP_DELAY,
     DrivetrainParameters,
     Spectrum,
     StatedOfDevice,
@@ -122,8 +121,7 @@ def rendered_gains(
         for _ in range(MOST_STEPS):
             step = fit_groups(leg.sums, leg.model)
             leg = leg.moved_by(step)
-            is_delay_possible = abs(leg.delay) < LONGEST_LOOP_DELAY
-            if not (is_delay_possible and leg.slow_damping > 0 and leg.K_1 > 0):
+            if leg.slow_damping <= 0 or leg.K_1 <= 0:
                 break  # of a joint that is no such leg
             if all(abs(step[name]) < CONVERGED_STEP * step.se(name) for name in fitted):
                 return described(leg, step, of_device.standard_errors)

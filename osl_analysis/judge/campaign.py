@@ -78,8 +78,9 @@ def campaign_findings(
         of_fits += chain(*judged_together(table, limits.of(name), name, faults, budget))
     if len(tables.get("calibration", ())):
         of_fits = [with_its_calibration(finding) for finding in of_fits]
-    impedance = tables.get("impedance", pl.DataFrame({"lag_s": []}))
-    if impedance["lag_s"].count():  # legs tell the delay of their bench: delay.csv pools it
+    impedance = tables.get("impedance", pl.DataFrame())
+    if "lag_s" in impedance.columns and impedance["lag_s"].count():
+        # legs tell the delay of their bench: delay.csv pools it
         of_fits = [each for each in of_fits if (each.name, each.grade) != UNKNOWN_DELAY]
     doubts = [finding for finding in of_fits if finding.grade is Grade.DOUBTS]
     told = {fact_of(doubt) for doubt in doubts if not doubt.is_of_part}

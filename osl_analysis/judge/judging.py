@@ -268,15 +268,14 @@ def of_numbers(numbers: Numbers) -> list[Finding]:
     found = []
     for (name, of_cause), evidence in by_cause.items():
         remedies = [number.rule.remedy for number in evidence]
+        ends = [number.column for number in evidence if number.rule.is_of_estimate]
         finding = Finding(
             name=name,
             grade=Grade(of_cause),
             evidence=tuple(evidence),
+            estimates=tuple(end.removesuffix("_high") for end in ends),
             remedy=next(filter(None, remedies), ""),
         )
-        if known_finding(name).is_of_estimate:  # the others of the row can be right
-            estimates = [number.column.removesuffix("_high") for number in evidence]
-            finding = replace(finding, estimates=tuple(estimates))
         found.append(finding)
     return found
 
@@ -435,7 +434,8 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
 
 def remark_of(finding: Finding) -> str:
     """What stands of a finding in the column `remarks`: what could not be checked is not found."""
-    return f"{finding.cause} not checked" if finding.grade is Grade.UNCHECKED else finding.cause
+    is_unchecked = finding.grade is Grade.UNCHECKED
+    return f"{finding.grade}: {finding.cause}" if is_unchecked else finding.cause
 
 
 def results_in(remarks: str | None) -> list[str]:

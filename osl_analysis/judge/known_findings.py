@@ -33,8 +33,6 @@ class KnownFinding:
         it says, and not doubtful.
     spoils_estimates
         Whether it names the cause where an estimate is doubtful.
-    is_of_estimate
-        Whether a number beyond its limit is about its own estimate alone.
     """
 
     name: str
@@ -46,7 +44,6 @@ class KnownFinding:
     unseen_remedy: str = ""
     is_result: bool = False
     spoils_estimates: bool = False
-    is_of_estimate: bool = False
 
 
 LIMIT_SIDES = ("above", "below", "ratio")  # of limits
@@ -74,6 +71,7 @@ class Rule:
     grade: Literal["not checked", "notes", "doubts"] = "doubts"
     says: Texts = ""
     remedy: Texts = ""
+    is_of_estimate: bool = False
 
     def concerns(self, table: str, columns: Collection[str]) -> bool:
         """Whether the rule is about a table with these columns."""

@@ -21,6 +21,7 @@ from osl_analysis.bench.evidence import DesiredImpedance, beside_known
 from osl_analysis.bench.plausibility import check_stiffer, unit_of_step
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.ingest.guard import check_recording
+from osl_analysis.stats.budget import Budget, Contribution
 
 SINES = {
     "amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)),
@@ -212,7 +213,7 @@ def test_the_ratio_to_what_gains_give_is_that_of_K_without_friction(K_without_fr
     row = pl.DataFrame({**sizes, "K_without_friction": of_friction})
     row = row.with_columns(K_predicted=200.0)
 
-    found = beside_known(row, LEG, KNOWN).row(-1, named=True)
+    found = beside_known(row, LEG, KNOWN, Budget(220.0)).row(-1, named=True)
 
     assert found["K_ratio"] == pytest.approx((K_without_friction or 220.0) / 200)
 
@@ -222,9 +223,21 @@ def test_damping_without_friction_is_compared_with_what_was_asked(B_viscous, rat
     estimates = {"K": 147.0, "K_without_friction": None, "B": 1.8, "B_viscous": B_viscous}
     row = {"amplitude_deg": None, "K_predicted": None, **estimates}
 
-    found = beside_known(pl.DataFrame([row]), None, DesiredImpedance("own", 200, 2))
+    found = beside_known(pl.DataFrame([row]), None, DesiredImpedance("own", 200, 2), Budget(147.0))
 
     assert found["B_over_B_d"].item() == pytest.approx(ratio)
+
+
+@pytest.mark.parametrize(("half_range", "ratio"), [(0.0, 1.1), (12.0, 1.04), (30.0, 1.0)])
+def test_what_of_the_range_is_nearest_to_what_was_asked_is_compared(half_range, ratio):
+    """A spring that hardens renders K_d at another amplitude."""
+    row = {"amplitude_deg": None, "K": 220.0, "K_predicted": None, "K_without_friction": None}
+    motion = Contribution("nonlinear_spring", half_range, part="motion")
+    K = Budget(220.0, (motion,))
+
+    found = beside_known(pl.DataFrame([row]), None, DesiredImpedance("own", 200, None), K)
+
+    assert found["K_over_K_d"].item() == pytest.approx(ratio)
 
 
 def leg():
@@ -252,7 +265,7 @@ def test_a_stiffness_is_compared_with_the_belt_and_the_largest_amplitude_with_wh
     rows = {"trial": "a", "amplitude_deg": [4.0, 2.0, None], "K": [200.0, 100.0, 150.0]}
     unknown = pl.DataFrame(rows).with_columns(K_without_friction=None, K_predicted=400.0)
 
-    found = beside_known(unknown, LEG, KNOWN)
+    found = beside_known(unknown, LEG, KNOWN, Budget(150.0))
 
     assert found["K_ratio"].to_list() == [0.5] * 3
     assert (found["K_over_K_s"] * LEG.K_s).to_list() == pytest.approx(rows["K"])

@@ -15,8 +15,9 @@ DURATION_S = 60.0
 SINES_HZ = np.array([0.4, 0.9, 1.7, 2.6, 3.7, 5.1, 6.8])
 
 
-def recorded_leg(K_1, B_1, delay=2e-4, noise=0.05, seed=0):
-    """Angle and torque of a leg with these gains, which act `delay` [s] late."""
+def recorded_leg(K_1, B_1, delay=2e-4, noise=0.05, seed=0, friction=0.0):
+    """Angle and torque of a leg with these gains, which act `delay` [s] late, and with friction
+    [N*m] of the joint."""
     p = vars(LEG)
     random = np.random.default_rng(seed)
     time = np.arange(0, DURATION_S, 1 / RATE_HZ)
@@ -33,6 +34,7 @@ def recorded_leg(K_1, B_1, delay=2e-4, noise=0.05, seed=0):
         turn = np.exp(s * time)
         theta += (joint * turn).imag
         torque += (pull * turn).imag
+    torque += friction * np.sign(np.gradient(theta))
     return osl.Trial("leg", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
 
 
@@ -84,6 +86,32 @@ def test_a_leg_without_compensation_renders_less_than_its_gain():
     K_d, B_d = at_rest(K_1, B_1)
     assert fit.K_d_rendered == pytest.approx(K_d, rel=1e-3)
     assert fit.B_d_rendered == pytest.approx(B_d, rel=5e-3)
+
+
+@pytest.mark.parametrize("friction", [0.2, 1.0])
+def test_friction_that_linear_theory_lacks_is_in_the_interval(friction):
+    fit = fitted(recorded_leg(25.0, 0.66, friction=friction))
+
+    K_d, B_d = at_rest(25.0, 0.66)
+    low, high = fit.B_d_rendered_interval
+    assert low < B_d < high
+    assert (
+        fit.B_d_rendered - B_d > 10 * fitted(recorded_leg(25.0, 0.66)).B_d_rendered_high - 10 * B_d
+    )
+    low, high = fit.K_d_rendered_interval
+    assert low < K_d < high
+
+
+@pytest.mark.parametrize("delay", [-0.01, 0.005, 0.03])
+def test_a_loop_delay_that_is_not_stated_is_fitted(tmp_path, delay):
+    unstated = rewritten(tmp_path, "loop_delay: 0.2e-3", "loop_delay: null")
+
+    fit = fitted(recorded_leg(10.0, 1.5, delay), parameters=unstated)
+
+    assert fit.loop_delay_s == pytest.approx(delay, rel=1e-3)
+    low, high = fit.loop_delay_s_interval
+    assert low < delay < high
+    assert fit.K_d_rendered == pytest.approx(at_rest(10.0, 1.5)[0], rel=1e-3)
 
 
 def test_the_most_harmful_component_says_what_a_percent_of_it_changes(tmp_path):

@@ -16,7 +16,7 @@ from osl_analysis.bench.cycles import find_loop
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.ingest.quality import saturated
 
-ALWAYS = {"delay of the torque not checked", "fixture not checked"}
+ALWAYS = {"not checked: delay of the torque", "not checked: fixture"}
 
 RATE = 250.0
 PERIOD = 8.0
@@ -157,7 +157,7 @@ def test_a_zero_changes_energies_and_no_slope_and_is_as_recorded_where_nobody_st
     zeros = (unstated["torque_zero"], stated["torque_zero"], at_end["torque_zero"])
     assert zeros == (None, 0.0, pytest.approx(5.0))
     assert (unstated["remarks"], stated["remarks"], at_end["remarks"]) == (
-        "sensor not zeroed",
+        "not checked: sensor not zeroed",
         "",
         "",
     )

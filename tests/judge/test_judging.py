@@ -135,7 +135,7 @@ def test_friction_that_was_not_checked_is_no_property_of_the_device():
     (friction,) = (finding for finding in found[0] if finding.name == "friction")
     assert (friction.grade, friction.is_result) == (Grade.UNCHECKED, False)
     (remarks,) = marked(table, found, "impedance")["remarks"]
-    assert "friction not checked" in remarks
+    assert "not checked: friction" in remarks
     assert results_in(remarks) == []
 
 

@@ -5,12 +5,9 @@ rows of Eq. 15.
 K, B and I of Eq. 15 depend on the motion, since a drivetrain is of third order. Its gains do not.
 In the letters of `drivetrain.dynamic_stiffness` the torque is that of Z = P - c/N, of which
 N = J_m s^2 + B_m s + (K_1 + B_1 s) e^(-s T) + K_s/n_T^2 has the gains and the delay T of the loop.
-Least squares by Gauss and Newton takes the slopes
-
-    dZ/dx = c/N^2 dN/dx
-
-as columns, so that their interval is made as that of K, B and I. By Eqs. 11 to 13 slow motion meets
-K_d = Z(0) and, to first order in s, B_d = Z'(0):
+Least squares by Gauss and Newton takes the torque's slopes in them as columns, by differences, so
+that their interval is made as that of K, B and I. By Eqs. 11 to 13 slow motion meets K_d = Z(0)
+and, to first order in s, B_d = Z'(0):
 
     K_d = K_s - c/kappa,   B_d = B_j + c (B_m + B_1 - K_1 T)/kappa^2,   kappa = K_1 + K_s/n_T^2.
 
@@ -50,13 +47,11 @@ from osl_analysis.model.drivetrain import (
     StatedOfDevice,
     Stiffness,
     dynamic_stiffness,
-    held_actuator,
     linear_torque,
 )
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import LinearFit, solved, variance_accounted_for
 
-Values = dict[str, tuple[float, dict[str, float]]]
 SLOW = {"offset": "one", "drift": "ramp"}
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
 CONVERGED_STEP = 1e-3  # of the gains' standard errors, at which they have converged
@@ -64,6 +59,9 @@ MOTION_CUTOFFS = 3.0  # of the low-pass, beyond which nothing of the motion is l
 """As of the torque that linear theory expects."""
 NO_ANGLE_NOISE = np.array([[1.0], [0.0]])  # a frequency [Hz], and its density [rad^2/Hz]
 COMPONENT_SYMBOLS = ("K_s", "n_T", "J_m", "B_m", "J_j", "B_j")  # of Eq. 9 beside the gains
+# of a gain [N*m/rad, N*m*s/rad] or the delay [s], by which its slope is taken: of slopes of 1 to
+# 1e4 it leaves a millionth
+SMALL_STEP = 1e-6
 SMALL_CHANGE = 1e-3  # of a component, by which its slope is taken
 
 
@@ -115,7 +113,7 @@ def rendered_gains(
     kappa = K_1 + p.K_s_at_actuator
     B_1 = (analysis.whole["B"] - p.B_j) * (kappa * p.n_T / p.K_s) ** 2 - p.B_m
     delay = of_device.loop_delay
-    fitted = ("K_1", "B_1") if delay is not None else ("K_1", "B_1", "delay")
+    fitted = ("B_1", "K_1") if delay is not None else ("B_1", "K_1", "delay")
     leg = Leg(analysis.record.coarse, p, K_1, max(B_1, 0.0), delay or 0.0, fitted)
     with suppress(IdentifiabilityError):
         for _ in range(MOST_STEPS):
@@ -163,9 +161,9 @@ class Leg:
         values = {name: getattr(self, name) + changes[name] for name in self.fitted}
         return replace(self, **values)
 
-    def N(self, s: Spectrum) -> Spectrum:
-        """The held actuator at frequencies s [rad/s]."""
-        return held_actuator(s, self.K_1, self.B_1, self.p, self.delay)
+    def stepped(self, name: str) -> "Leg":
+        """The leg whose controller differs by `SMALL_STEP` in one of its parameters."""
+        return replace(self, **{name: getattr(self, name) + SMALL_STEP})
 
     def stiffness(self, s: Spectrum) -> Spectrum:
         """Z [N*m/rad] at frequencies s [rad/s]."""
@@ -187,19 +185,10 @@ class Leg:
     def slopes(self) -> dict[str, Array]:
         """The slopes (n,) of the torque in the gains and the delay, with offset, drift and
         friction."""
-
-        def of_K_1(s: Spectrum) -> Spectrum:
-            return self.c * np.exp(-s * self.delay) / self.N(s) ** 2
-
-        def of_B_1(s: Spectrum) -> Spectrum:
-            return s * of_K_1(s)
-
-        def of_delay(s: Spectrum) -> Spectrum:
-            return -(self.K_1 + self.B_1 * s) * of_B_1(s)
-
-        slopes = {"K_1": of_K_1, "B_1": of_B_1, "delay": of_delay}
-        columns = {name: self.torque_for(slopes[name]) for name in self.fitted}
         record = self.record
+        columns = {
+            name: (self.stepped(name).torque - self.torque) / SMALL_STEP for name in self.fitted
+        }
         sign = np.tanh(record.motion.omega / SIGN_WIDTHS["T_C"])
         friction = record.settings.low_pass(sign, record.rate_hz)
         return {**columns, **offset_and_drift(record.time), "T_C": friction}
@@ -221,23 +210,24 @@ class Leg:
         columns = {**self.slopes, "theta": self.record.motion.theta}
         return motion_sums(self.residual, columns, NO_ANGLE_NOISE)
 
-    def impedance(self) -> Values:
-        """K_d and B_d that are rendered (Eqs. 11-13), and the delay where it is fitted, each with
-        its derivatives by the controller's parameters."""
-        slope = self.c / self.kappa**2
-        x = self.slow_damping
-        of_B_d = {
-            "B_1": slope,
-            "K_1": -slope * (self.delay + 2 * x / self.kappa),
-            "delay": -slope * self.K_1,
-        }
-        values: Values = {
-            "K_d_rendered": (self.p.K_s - self.c / self.kappa, {"K_1": slope}),
-            "B_d_rendered": (self.p.B_j + slope * x, of_B_d),
+    def impedance(self) -> dict[str, float]:
+        """K_d and B_d that are rendered (Eqs. 11-13), and the delay where it is fitted."""
+        values = {
+            "K_d_rendered": self.p.K_s - self.c / self.kappa,
+            "B_d_rendered": self.p.B_j + self.c * self.slow_damping / self.kappa**2,
         }
         if "delay" in self.fitted:
-            values["loop_delay_s"] = (self.delay, {"delay": 1.0})
+            values["loop_delay_s"] = self.delay
         return values
+
+    def impedance_slopes(self) -> dict[str, tuple[float, dict[str, float]]]:
+        """The same, each with its slopes in the controller's parameters that change it."""
+        stepped = {name: self.stepped(name).impedance() for name in self.fitted}
+        found = {}
+        for column, value in self.impedance().items():
+            slopes = {name: (stepped[name][column] - value) / SMALL_STEP for name in self.fitted}
+            found[column] = (value, {name: slope for name, slope in slopes.items() if slope})
+        return found
 
 
 def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> RenderedGains:
@@ -253,7 +243,7 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     for source, error in bench_torques(record, leg.torque, leg.torque, passed, rows):
         change, _ = solved(X.T @ X, X.T @ error[rows])
         fit = fit.with_known_error(source, change)
-    rendered = fit.derived(leg.impedance())
+    rendered = fit.derived(leg.impedance_slopes())
 
     slow = X[:, len(leg.fitted) :] @ np.array([step["offset"], step["drift"]])
     unexplained = leg.residual.filtered_torque[rows] - slow
@@ -276,7 +266,7 @@ def ranges_over_motion(leg: Leg) -> dict[str, Contribution]:
             legs.append(leg.moved_by(fit_groups(part, leg.model)))
     found = {}
     for name in leg.impedance():
-        half = np.ptp([each.impedance()[name][0] for each in legs]) / 2
+        half = np.ptp([each.impedance()[name] for each in legs]) / 2
         detail = "range over amplitudes and frequencies"
         found[name] = Contribution("friction", half, basis="measured", detail=detail)
     return found
@@ -287,35 +277,24 @@ def contributions_of_components(
 ) -> dict[str, list[Contribution]]:
     """What the uncertainty of each component of the drivetrain makes of what the gains render, to
     first order; of those whose uncertainty is not stated, the one that changes it most."""
-    components = [
-        name for name in COMPONENT_SYMBOLS if getattr(leg.p, name)
-    ]  # 0: left out of the model
     before = leg.impedance()
-    slopes: dict[str, dict[str, float]] = {name: {} for name in before}  # by a whole component
-    for component in components:
+    found: dict[str, list[Contribution]] = {name: [] for name in before}
+    most: dict[str, tuple[float, str]] = dict.fromkeys(before, (0.0, ""))  # by a percent of one
+    for component in COMPONENT_SYMBOLS:
         value = getattr(leg.p, component)
         other = replace(leg, p=replace(leg.p, **{component: value * (1 + SMALL_CHANGE)}))
         change = (leg.torque - other.torque)[rows]
         changes = dict(zip(leg.model, np.linalg.lstsq(X, change)[0], strict=True))
         after = other.moved_by(changes).impedance()
         for name in before:
-            slopes[name][component] = (after[name][0] - before[name][0]) / SMALL_CHANGE
-    found: dict[str, list[Contribution]] = {}
-    for name, by_component in slopes.items():
-        stated = [
-            Contribution(
-                "component",
-                abs(by_component[component] * uncertainties[component] / getattr(leg.p, component)),
-                shared=True,
-                detail=component,
-            )
-            for component in components
-            if component in uncertainties
-        ]
-        found[name] = stated
-        others = {key: abs(by_component[key]) for key in components if key not in uncertainties}
-        if others:
-            largest = max(others, key=others.__getitem__)
-            per = unknown("component", f"% of {largest}", **{name: others[largest] / 100})
-            found[name].append(per[name])
+            by_all = abs(after[name] - before[name]) / SMALL_CHANGE
+            if component not in uncertainties:
+                most[name] = max(most[name], (by_all / 100, component))
+            elif value:  # 0: it is left out of the model
+                size = by_all * uncertainties[component] / value
+                row = Contribution("component", size, shared=True, detail=component)
+                found[name].append(row)
+    for name, (size, component) in most.items():
+        if component:
+            found[name].append(unknown("component", f"% of {component}", **{name: size})[name])
     return found

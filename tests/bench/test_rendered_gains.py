@@ -8,7 +8,6 @@ import pytest
 from shipped import DEVICE, LEG
 
 import osl_analysis as osl
-from osl_analysis.bench.rendered_gains import Leg
 
 RATE_HZ = 500.0
 DURATION_S = 60.0
@@ -137,15 +136,3 @@ def test_a_stated_error_of_a_component_is_in_the_interval(tmp_path):
     other = fitted(trial, parameters=rewritten(tmp_path, "value: 685.6", "value: 692.6"))
     expected = 1.96 * abs(other.K_d_rendered - fit.K_d_rendered)
     assert (high - low) / 2 == pytest.approx(expected, rel=0.1)
-
-
-@pytest.mark.parametrize("name", ["K_1", "B_1", "delay"])
-def test_slopes_of_what_is_rendered_are_those_of_differences(name):
-    leg = Leg(None, LEG, 25.0, 0.66, 1e-3, (name,))
-    step = 1e-6
-
-    other = leg.moved_by({name: step}).impedance()
-
-    for column, (value, slopes) in leg.impedance().items():
-        difference = (other[column][0] - value) / step
-        assert slopes.get(name, 0.0) == pytest.approx(difference, rel=1e-4, abs=1e-6)

@@ -261,6 +261,15 @@ DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(
     pl.lit("VAF 80 is below 90")
 )
 ALL_DOUBTFUL = pl.lit("late torque")
+
+
+def half_width(K, B):
+    """Ends of the intervals of all estimates of Fig. 5."""
+    ends = {"K": K, "B": B}
+    low = {f"{name}_low": pl.col(name) - half for name, half in ends.items()}
+    return low | {f"{name}_high": pl.col(name) + half for name, half in ends.items()}
+
+
 LETTERING = [
     # figure, table, what changes, which numbers and marks stand in the figure, and which do not
     ("fig3", both_branches, {"doubtful": DOUBT}, ["682.9", "688.3", "oubtful"], []),
@@ -269,6 +278,8 @@ LETTERING = [
      ["k300"], ["doubtful"]),
     ("fig4", time_series, {"doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
     ("fig6", lambda: plotted("fig6"), {"doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
+    ("fig5", lambda: plotted("fig5"), half_width(0.01, 0.001), [], ["95 % interval"]),
+    ("fig5", lambda: plotted("fig5"), half_width(0.01, 2.0), ["95 % interval"], []),
 ]  # fmt: skip
 
 
@@ -467,7 +478,8 @@ def test_the_larger_the_amplitude_the_larger_the_marker_of_fig6():
     (points,) = [c for c in figure.axes[0].collections if c.get_label() == "compensated"]
 
     amplitudes = table.filter(controller="compensated")["amplitude_deg"]
-    assert points.get_sizes() == pytest.approx(amplitudes * points.get_sizes().max() / 6)
+    diameters = np.sqrt(points.get_sizes())
+    assert diameters == pytest.approx(amplitudes * diameters.max() / 6)
 
 
 def test_fig9_says_how_many_crossings_at_which_phase_are_fitted_for_how_long():

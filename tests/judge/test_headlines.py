@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 from conftest import beyond_in, findings_of, marked
 
+from osl_analysis.dictionary.described import table_of
 from osl_analysis.jobs.progress import later_failures, write_log
 from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
 from osl_analysis.judge.finding import (
@@ -19,6 +20,7 @@ from osl_analysis.judge.finding import (
     findings_frame,
 )
 from osl_analysis.judge.judging import judged, with_doubts_of
+from osl_analysis.stats.budget import Budget, Contribution, budget_rows
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
 
 
@@ -164,6 +166,20 @@ def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
     assert {cause.verdict: cause.trials for cause in causes} == {
         "doubtful": ["a"], "doubtful in part": ["b"]
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("lag_s", "is_listed"), [(None, True), (1e-4, False)])
+def test_a_delay_that_legs_tell_is_checked_on_all_of_their_bench(lag_s, is_listed):
+    impedance = fits(B=[2.0, 2.0]).with_columns(lag_s=pl.Series([None, lag_s], dtype=pl.Float64))
+    unchecked = Contribution("late_torque", None, part="fault", per="0.3 N*m*s/rad per ms")
+    rows = budget_rows({"trial": "a"}, {"B": Budget(2.0, (unchecked,))})
+    no_checks = fits(check="gap", verdict="pass", value=0.0, unit="s", remark="")
+
+    told = campaign_findings(
+        {"impedance": impedance}, no_checks, DoubtfulFits(), table_of(rows, "budget")
+    )
+
+    assert ("late_torque" in [finding.name for finding in told]) == is_listed
 
 
 def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():

@@ -125,6 +125,13 @@ def test_what_another_motion_changes_is_a_remark_with_its_size():
     )  # fmt: skip
 
 
+def test_an_impossible_estimate_is_doubtful_and_no_other_of_its_row():
+    (doubt,) = of_knee({"K": [scatter(0.1, 9)]}, B_high=-0.1)
+
+    assert (doubt.cause, doubt.estimates) == ("impossible estimate", ("B",))
+    assert verdicts_of([doubt]) == {"K": "clear", "B": "impossible estimate", "I": "clear"}
+
+
 def test_friction_that_was_not_checked_is_no_property_of_the_device():
     unchecked = Contribution("friction", None, part="fault", per="")
     table = pl.DataFrame([KNEE], infer_schema_length=None)

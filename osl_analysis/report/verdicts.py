@@ -262,4 +262,4 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
             texts.append(f"compensation is nearer {', '.join(nearer)} pairs")
     if not texts:
         return ""
-    return f"In fits to whole trials, {'; '.join(texts)}."
+    return f"Over whole trials, {'; '.join(texts)}."

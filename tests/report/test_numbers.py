@@ -257,7 +257,7 @@ def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():
     assert doubted[0].wide == ["K"]
 
 
-@pytest.mark.parametrize(("beside_draft", "draft"), [(True, " 83/11 |"), (False, "")])
+@pytest.mark.parametrize(("beside_draft", "draft"), [(True, " 7.55 (83/11) |"), (False, "")])
 def test_table_1_has_what_is_measured_and_else_what_is_stated(beside_draft, draft, tmp_path):
     summary, page = tmp_path / "actuator_summary.csv", tmp_path / "components.md"
     summary.write_text("quantity,n,mean,low,high\nk_tau_n_m,3,1.08,0.99,1.17\n")
@@ -315,7 +315,7 @@ def test_the_answer_leaves_out_an_estimate_that_is_doubtful(doubted, told):
 
     sentence = answer({"impedance": fits})
 
-    assert sentence.startswith(told) if told else sentence == ""
+    assert sentence.startswith(f"Over whole trials, {told}") if told else sentence == ""
     assert sentence.count("within") == (told is not None)
 
 

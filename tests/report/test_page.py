@@ -93,7 +93,7 @@ def test_a_wide_estimate_is_that_without_friction_where_friction_is_certain():
     verdicts = {"K_verdict": "clear", "B_verdict": "wide", "I_verdict": "torque path"}
 
     assert wide_estimates({**verdicts, "B_viscous": None}) == ["B"]
-    assert wide_estimates({**verdicts, "B_viscous": 3.0}) == ["B without friction"]
+    assert wide_estimates({**verdicts, "B_viscous": 3.0}) == ["B_viscous"]
 
 
 def test_the_table_of_parts_has_the_mean_over_trials_that_scatter_beside_them():

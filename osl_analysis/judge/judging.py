@@ -189,7 +189,8 @@ def findings_of_row(
             grade = Grade(rule.grade)
             found.append(Finding(rule.finding, grade=grade, says=rule.says, remedy=rule.remedy))
     order = list(Grade)
-    # a named cause before what nothing explains
+    # what spoils a recording before what follows from it, and a named cause before none
+    found.sort(key=lambda each: not known_finding(each.name).spoils_estimates)
     found.sort(key=lambda each: (order.index(each.grade), each.name == UNEXPLAINED))
     subject = subject_of(row)
     amplitude_deg = cell_number(row, "amplitude_deg")

@@ -106,6 +106,15 @@ def test_a_clipped_torque_decides_alone_where_no_models_were_weighed(are_weighed
     assert [each.name for each in found] == ["clipped_signal"] * (not are_weighed)
 
 
+def test_what_spoils_a_recording_stands_before_what_follows_from_it():
+    rows = {"I": [fault(0.01, "late_torque", basis="measured")]}
+
+    found = of_knee(rows, saturated_samples=9)
+
+    assert [each.name for each in found] == ["clipped_signal", "late_torque"]
+    assert verdicts_of(found)["I"] == "clipped signal"
+
+
 def test_leaps_beside_certain_friction_are_no_fault(monkeypatch):
     moved = fault(3.3, "amplitude", "", part="motion")
     monkeypatch.setitem(KNEE, "K_without_friction", KNEE["K"])

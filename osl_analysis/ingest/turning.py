@@ -58,16 +58,18 @@ def turns_beside(recording: Recording, asked: Mapping[str, Channel]) -> dict[str
 
 def kinds_of(channel: Channel) -> set[str]:
     """What the words of a channel's name tell."""
-    name = channel.address.get("field", channel.name or channel.key)
-    return kinds_of_words(parted_name(name))
+    return kinds_of_words(parted_name(channel.key))
 
 
 def unit_of_turning(channel: Channel) -> tuple[str, float]:
     """The SI unit of an angle or a speed, by the unit that is stated or that the name tells, and
     its factor; empty for anything else."""
     unit = channel.unit or channel.likely_unit or likely_unit(channel.name)
-    factors = {si_unit: factor_or_nan(unit, si_unit) for si_unit in TURNING}
-    return next(((si_unit, factor) for si_unit, factor in factors.items() if factor > 0), ("", 0.0))
+    for si_unit in TURNING:
+        factor = factor_or_nan(unit, si_unit)
+        if factor > 0:
+            return si_unit, factor
+    return "", 0.0
 
 
 def factor_or_nan(unit: str, si_unit: str) -> float:

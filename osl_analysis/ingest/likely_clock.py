@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.errors import InputError
 from osl_analysis.base.measured import UNIFORM_WIDTH, usual_step
 from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Recording
 from osl_analysis.base.source_file import TableSource
@@ -207,9 +207,9 @@ def check_other_clocks(
     remarks = []
     rates = {f"timing of '{channel.key}'": channel.rows.rate_hz for channel in asked.values()}
     rates["in words"] = stated_rate(recording.notes)
-    clocks = [*clocks_beside(recording, source, clocks_asked, time.size, asked)]
+    beside = clocks_beside(recording, source, clocks_asked, time.size, asked)
 
-    for channel, readings, steps in clocks:
+    for channel, readings, steps in beside:
         if clock is not None and channel.name == clock.name and channel.kind != Kind.CLOCK:
             late = np.nanmedian(np.abs(readings - numbers_of(clock)[: readings.size]))
             if late > 0.5 * np.median(steps):
@@ -234,13 +234,6 @@ def check_other_clocks(
                 f"`rate: {rate:g}` of time, but the file says {other:.3g} Hz ({name})",
                 "correct the rate, or name that clock under `time`",
             )
-    if rate and not (any(rates.values()) or clocks):
-        called = [channel.key for channel in recording.channels if is_called_clock(channel)]
-        why = f"{listing(called)} does not go on" if called else "no clock and no rate stand in it"
-        remarks.append(
-            f"`rate: {rate:g}` of time is compared with nothing in the file: {why}; by one that is"
-            " 10 % wrong B is 10 % and I 21 % wrong"
-        )
     return apart, remarks
 
 

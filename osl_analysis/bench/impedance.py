@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.base.errors import IdentifiabilityError, InputError, naming
+from osl_analysis.base.measured import UNIFORM_WIDTH
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
@@ -27,7 +28,7 @@ from osl_analysis.bench.regression import (
     motion_sums,
     noise_moments,
 )
-from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_share
+from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals.filters import LowPass, sections_of, seven_point_motion
 from osl_analysis.stats.budget import Budget, Row
@@ -307,6 +308,10 @@ def with_encoder_errors(
     """Add standard errors by the encoder's steps to fits, which no scatter shows where a motion
     repeats itself.
 
+    At rest a step has one error, of variance step^2/12, however many samples show it; where the
+    joint returns to the same ones, as under binary steps, it does not average out. Where the joint
+    passes through a step its error takes all values and averages out.
+
     An error e of the angle is one of the torque by K e + B e' + I e''. Its product with what a row
     of the torque adds to an estimate, r, is that of e with K r - B r' + I r''. Noise leaves a share
     of what rounding to steps makes of it.
@@ -333,6 +338,7 @@ def with_encoder_errors(
     smooth_theta = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)[each]
     turn = np.exp(2j * np.pi * smooth_theta / step)
     reading = np.rint(record.theta[each] / step).astype(int)
+    reading -= reading.min()
     X = np.array([columns[column] for column in model.values()])
     slope = np.gradient(X, 1 / few.rate_hz, axis=1)
     bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
@@ -343,8 +349,12 @@ def with_encoder_errors(
         of_columns = {column: fit[name] for name, column in model.items()}
         stiffness, damping, inertia = (of_columns.get(name, 0.0) for name in DERIVATIVES[:3])
         by_angle = inverse @ (stiffness * X - damping * slope + inertia * bend)[:, rows]
-        errors = errors_by_steps(by_angle, reading[rows], turn[rows], step)
-        found[label] = fit.with_known_error("encoder", repeated * errors)
+        squares = np.zeros(len(X))
+        for part in (turn.real[rows], turn.imag[rows]):
+            of_steps = [np.bincount(reading[rows], part * row) for row in by_angle]
+            squares += np.sum(np.square(of_steps), axis=1)
+        errors = repeated * step / UNIFORM_WIDTH * np.sqrt(squares)
+        found[label] = fit.with_known_error("encoder", errors)
     return found
 
 

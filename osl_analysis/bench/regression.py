@@ -389,7 +389,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
         names=tuple(model),
         estimates=estimates,
         covariance=covariance,
-        vaf=float(vaf_by_moments(unexplained, moments[-1, -1], square / rows)),
+        vaf=vaf_by_moments(float(unexplained), float(moments[-1, -1]), float(square / rows)),
         interval_method="repeats" if repeat.any() else "blocks",
         degrees_of_freedom=freedom,
     )

@@ -98,11 +98,6 @@ class Search:
         """What friction, offset and drift leave of signals (..., m)."""
         return signals - (signals @ self._shared) @ self._shared.T
 
-    def is_worth_refining(self, left: float) -> bool:
-        """Whether what is left of the torque is so much less than what Eq. 15 leaves, in noise of
-        variance 1, or B or I of Eq. 15 alone is negative."""
-        return not self.is_body or (self.left - left) / 2 >= WORTH_REFINING
-
     @property
     def is_body(self) -> bool:
         """Whether B and I of Eq. 15 alone are positive."""
@@ -115,7 +110,8 @@ class Search:
         A delay has a false minimum beside the true one.
         """
         values = np.array([left(value) for value in grid.tolist()])
-        if not self.is_worth_refining(values.min()):
+        # in noise of variance 1; where B or I of Eq. 15 alone is negative, all are refined
+        if self.is_body and (self.left - values.min()) / 2 < WORTH_REFINING:
             return []
         minima = []
         lowest_near = scipy.ndimage.minimum_filter1d(values, 3, mode="nearest")

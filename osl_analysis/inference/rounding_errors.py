@@ -10,12 +10,10 @@ effects in the model a dozen draws would be fitted away.
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from osl_analysis.base.trial import Array
 from osl_analysis.inference.spectra import roll_off
 from osl_analysis.inference.whitening import Whitened
-from osl_analysis.model.drivetrain import Spectrum
 
 # Draws of the encoder's zero and the motion's size; they give a standard error to 20 %; as random
 # effects in the model they would be fitted away
@@ -91,34 +89,3 @@ def repeated_share(noise_density: float, rate_hz: float, step: float) -> float:
     variance_of_readings = noise_density * rate_hz / 2 / step**2
     before_rounding = max(variance_of_readings - 1 / 12, 0.0)
     return float(np.exp(-2 * np.pi**2 * before_rounding))
-
-
-def errors_by_steps(by_row: Array, reading: NDArray[np.intp], turn: Spectrum, step: float) -> Array:
-    """Standard errors of estimates by the rounding of an angle without noise.
-
-    At rest a step has one error, of variance step^2/12, however many samples show it; where the
-    joint returns to the same ones, as under binary steps, it does not average out. Where the joint
-    passes through a step its error takes all values and averages out.
-
-    Parameters
-    ----------
-    by_row : Array (p, m)
-        What an error of the angle in each row changes the estimates by [1/rad].
-    reading : Array (m,)
-        The angle in whole steps.
-    turn : Spectrum (m,)
-        exp(2 pi i times the angle in steps before its rounding), by a low-pass that must not ring
-        where the joint comes to rest.
-    step : float
-        Of the encoder [rad].
-
-    Returns
-    -------
-    Array (p,)
-        [unit of the estimates].
-    """
-    place = reading - reading.min()
-    squares = np.zeros(len(by_row))
-    for part in (turn.real, turn.imag):
-        squares += [np.sum(np.bincount(place, part * row) ** 2) for row in by_row]
-    return step / np.sqrt(12) * np.sqrt(squares)

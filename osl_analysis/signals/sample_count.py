@@ -37,11 +37,6 @@ def line_through(count: SampleCount, stamps: Array) -> tuple[float, float]:
     return step, stamps.mean() - step * count.mean()
 
 
-def in_blocks(values: Array | SampleCount, size: int) -> Array:
-    """Values (n,) in blocks (n // size, size), without the last few."""
-    return np.asarray(values[: len(values) // size * size].reshape(-1, size))
-
-
 def count_of_device(stamps: Array, counter: SampleCount, name: str) -> SampleCount:
     """The place of every sample in the count that the device writes.
 

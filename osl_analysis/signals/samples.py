@@ -21,7 +21,6 @@ from osl_analysis.signals.sample_count import (
     SampleCount,
     count_from_stamps,
     count_of_device,
-    in_blocks,
 )
 from osl_analysis.signals.stamp_evidence import Reading, decide
 
@@ -301,7 +300,8 @@ def check_countable(taken: Taken) -> None:
     is_true = taken.reading.firm and not taken.reading.even
     if is_true or taken.held or clock.counted or clock.scatter <= COUNTABLE * clock.step:
         return
-    prompt = in_blocks(clock.residual, PROMPT_ROWS).min(axis=1)
+    last = len(clock.residual) // PROMPT_ROWS * PROMPT_ROWS
+    prompt = clock.residual[:last].reshape(-1, PROMPT_ROWS).min(axis=1)
     number = np.linspace(-1, 1, len(prompt))
     creeping = np.polynomial.Polynomial.fit(number, prompt, 3)(number)
     if clock.missing:

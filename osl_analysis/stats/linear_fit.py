@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from osl_analysis.base.errors import IdentifiabilityError, InputError
 from osl_analysis.base.measured import EXACT_FIT_ROUNDING, check_finite, check_measured
@@ -313,14 +313,13 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     check_finite("the residual", residual)
     if not len(y):
         return float("nan")
-    return float(vaf_by_moments(np.var(residual), np.var(y), np.mean(y**2)))
+    return vaf_by_moments(float(np.var(residual)), float(np.var(y)), float(np.mean(y**2)))
 
 
-def vaf_by_moments(unexplained: ArrayLike, variance: ArrayLike, mean_square: ArrayLike) -> Array:
+def vaf_by_moments(unexplained: float, variance: float, mean_square: float) -> float:
     """`variance_accounted_for` [percent] by the variance of the residual, and the variance and the
-    mean square of y, of (k,) fits or of one."""
-    unexplained, variance = np.asarray(unexplained), np.asarray(variance)
-    rounding = EXACT_FIT_ROUNDING * np.asarray(mean_square)
-    of_constant = np.where(unexplained > rounding, 1.0, 0.0)
-    share = np.divide(unexplained, variance, out=of_constant, where=variance > rounding)
-    return 100 * (1 - share)
+    mean square of y."""
+    rounding = EXACT_FIT_ROUNDING * mean_square
+    if variance > rounding:
+        return 100 * (1 - unexplained / variance)
+    return 0.0 if unexplained > rounding else 100.0

@@ -130,6 +130,17 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
     assert grades == [Grade.DOUBTS] * bool(lag)
 
 
+@least_squares_alone
+@pytest.mark.parametrize(("law", "is_unknown"), [
+    ((0.45, 1e-3, 2e-3), True), ((0.45, 3e-3, 0.0), False),  # to 7, and to 4 % of B
+])  # fmt: skip
+def test_a_lag_that_the_belt_tells_badly_is_said_to_be_unknown(law, is_unknown):
+    tables = impedance_table(rendered_impedance(record_of_leg(leg(law=law))), P)
+
+    late = tables["budget"].filter(part="fault", source="late_torque")
+    assert late["standard"].is_null().any() == is_unknown
+
+
 @pytest.mark.parametrize("bristle", [1e-5, 1e-3, 3e-3])
 def test_friction_of_the_joint_beyond_the_belt_makes_no_lag(bristle):
     """Without its shapes in the model it passes for a late torque."""

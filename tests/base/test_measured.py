@@ -9,7 +9,7 @@ import pytest
 from c3d_builder import FACE
 from conftest import refused_with, white_noise
 
-from osl_analysis.base.measured import check_measured, varies, visible_step
+from osl_analysis.base.measured import check_measured, noise_of, varies, visible_step
 from osl_analysis.base.trial import stretches, unit_of
 from osl_analysis.base.units import known_factor
 from osl_analysis.ingest.force_plates import beside, own_axes, plate_axes
@@ -47,6 +47,20 @@ def test_the_step_of_a_log_of_few_decimals_is_that_of_the_encoder(noise):
 
 def test_a_signal_without_rounding_has_no_step(noise):
     assert visible_step(noise[0]) is None
+
+
+@pytest.mark.parametrize(("off", "step"), [(0.02, 1.0), (0.045, None)])
+def test_levels_that_lie_up_to_a_tenth_of_a_step_apart_have_none(off, step):
+    levels = np.arange(200) + np.random.default_rng(1).uniform(-off, off, 200)
+
+    seen = visible_step(np.repeat(levels, 3))
+    assert seen == (step and pytest.approx(step, rel=0.01))
+
+
+def test_the_noise_beside_a_slow_motion_is_its_standard_deviation(noise):
+    slow = 1e3 * np.sin(np.arange(2000) / 100)
+
+    assert noise_of(slow + noise[0]) == pytest.approx(1, rel=0.1)
 
 
 def test_a_constant_does_not_vary_by_its_rounding():

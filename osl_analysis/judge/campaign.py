@@ -256,10 +256,6 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, tuple[str,
     return judged
 
 
-REMEDY_IN_PART = {"doubtful in part": "leave out rows marked doubtful"}
-"""What to do about doubts that are not on all of a trial."""
-
-
 def causes_in_campaign(
     findings: Sequence[Finding],
     tables: Mapping[str, pl.DataFrame],
@@ -328,13 +324,14 @@ def told(
         says = f"{says} (in {worst})"
     kind = known_finding(name)
     remedy = str(of_worst.remedy)
+    is_in_part = verdict == "doubtful in part"
     return CampaignFinding(
         verdict=verdict,
         subject=subject,
         name=name,
         cause=kind.title,
         n=n,
-        brief=REMEDY_IN_PART.get(verdict) or kind.brief or remedy,
+        brief="leave out rows marked doubtful" if is_in_part else kind.brief or remedy,
         trials=list(of_trials),
         worst=worst,
         says=says,

@@ -25,12 +25,13 @@ from osl_analysis.ingest.conversion import (
     floats_of,
     fresh_rows,
     losses_of,
+    numbers_of,
     share_above,
 )
 from osl_analysis.ingest.force_plates import convert_plates
 from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
 from osl_analysis.ingest.several_clocks import joined_clocks
-from osl_analysis.ingest.turning import factor_or_nan
+from osl_analysis.ingest.turning import BESIDE, factor_or_nan
 
 
 def with_own_rows(
@@ -302,7 +303,11 @@ def read_log_table(
     is_own = clock is None and source.time.rate is None
     check_one_timing(channels, source, is_own, is_whole=recording.loss.end != End.MISSING)
     rows = replace(channels[0].rows, count=min(channel.rows.count for channel in channels))
-    values = {column: channel.values[: rows.count] for column, channel in asked.items()}
+    values = {}
+    for column, channel in asked.items():
+        # what nobody asked for is no reason to refuse the rest
+        readings = numbers_of(channel) if column.startswith(BESIDE) else channel.values
+        values[column] = readings[: rows.count]
     if clock is not None:
         return at_clock(rows, values, clock, source)
     rate_hz, start_s = (rows.rate_hz, rows.start_s) if is_own else (source.time.rate, 0.0)

@@ -41,7 +41,7 @@ def turns(time: Array, readings: Array, is_speed: bool) -> Array:
 
 def turn_ratio(turned: Array, others: Array) -> float:
     """How many times as far others (spans,) turn, without a sign; NaN where they do not follow."""
-    if turned.size != others.size or not (varies(turned) and varies(others)):
+    if not (turned.size == others.size > 0 and varies(turned) and varies(others)):
         return np.nan
     is_followed = abs(np.corrcoef(turned, others)[0, 1]) > LEAST_FOLLOWED
     return float(others.std() / turned.std()) if is_followed else np.nan

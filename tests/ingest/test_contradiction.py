@@ -69,6 +69,17 @@ def test_a_command_noise_and_a_speed_without_a_unit_are_not_compared(tmp_path, n
     assert speeds(tmp_path, "angle", name, readings) == {}
 
 
+def test_a_word_in_a_speed_that_nothing_reads_refuses_nothing(tmp_path):
+    (tmp_path / "log.yaml").write_text(SOURCE.replace("CHANNEL", "theta: {column: a, unit: deg}"))
+    rows = [f"{t:.3f},{a:.6f},1.5,{a:.6f}" for t, a in zip(TIME[:500], ANGLE[:500], strict=True)]
+    rows[7] = rows[7].replace("1.5", "ERR")
+    (tmp_path / "log.csv").write_text("\n".join(["time,a,w [deg/s],torque", *rows, ""]))
+
+    converted = read_converted(tmp_path / "log.csv", read_source(tmp_path / "log.yaml"))
+
+    assert len(converted.samples) == 500
+
+
 def test_the_speed_of_another_joint_that_follows_is_no_contradiction(tmp_path):
     columns = {"hip [deg]": 0.7 * ANGLE, "hip_w [deg/s]": 0.7 * SPEED, "w [deg/s]": SPEED}
 

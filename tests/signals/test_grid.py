@@ -333,7 +333,7 @@ def test_stamps_within_half_a_step_are_one(apart_s, merged):
 def test_a_clock_that_is_slow_by_100_ppm_is_said_to_be():
     t = clock(1000.0, 5.0)
     slow = one_time_base(
-        [of(t), Stream("slow", 1.0001 * t, {"a": t}), Stream("another rate", 1.01 * t, {"b": t})]
+        [of(t), Stream("slow", 1.0001 * t, {"a": t}), Stream("another rate", 1.0015 * t, {"b": t})]
     )
     assert [stream["ppm"] for stream in slow.streams] == pytest.approx([0, -100, None], abs=0.05)
 

@@ -87,7 +87,8 @@ def own_samples(time: Array, values: Array) -> NDArray[np.bool_]:
         values = values[is_sampled]
     few = slice(LIMITS.rows_of_filter)  # all of an hour would take as long as reading them
     is_of_few = on_line(time[few], values[few])
-    if np.mean(is_of_few) > LIMITS.most_irregular and keeps_step(time[few][~is_of_few]):
+    is_often = is_of_few.sum() > LIMITS.most_irregular * is_of_few.size
+    if is_often and keeps_step(time[few][~is_of_few]):
         is_on_line = on_line(time, values)
         if keeps_step(time[~is_on_line]):
             is_sampled[is_sampled] = ~is_on_line | (np.diff(values, prepend=0) == 0)

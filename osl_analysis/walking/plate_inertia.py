@@ -135,7 +135,7 @@ class PlateModel:
         if self.height is None:
             return None
         is_certain = abs(self.height) > CERTAIN_SES * (self.height_se or 0.0)
-        return self.height * is_certain
+        return self.height if is_certain else 0.0
 
     @property
     def mass(self) -> float | None:

@@ -77,7 +77,7 @@ from osl_analysis.walking.poses import (
     StoredArray,
     cross_matrix,
 )
-from osl_analysis.walking.set_up import check_place, marker_noise_ratio
+from osl_analysis.walking.set_up import check_place
 from osl_analysis.walking.walking_settings import PlateModelSettings, PlatformSettings
 
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m
@@ -192,16 +192,12 @@ def identify_plate_model(
     for problem in problems:
         advise(f"excluded from the plate's model: {problem}")
 
-    names = settings.markers.platform
-    colours = {trial.name: marker_noise_ratio(trial, names) for trial, _ in pairs}
     axes_of_each = platform.shared_directions([recording.track for recording in usable])
     motions = [recording.along(axes) for recording, axes in zip(usable, axes_of_each, strict=True)]
     model = plate_model(motions)
     for _ in range(LAG_ROUNDS):
         noise = np.concatenate([resting_noise(motion, model) for motion in motions])
-        turns = []
-        for motion in motions:
-            turns += unloaded_turns(motion, model, noise, colours[motion.name])
+        turns = [turn for motion in motions for turn in unloaded_turns(motion, model, noise)]
         model = plate_model(motions, turns)
     parts = [motion.shown(model.lag or 0.0).parts(motion.moves) for motion in motions]
     model = with_height(model, [part for of_motion in parts for part in of_motion])
@@ -536,11 +532,8 @@ def without_mean(values: Array) -> Array:
     return values - values.mean(axis=0)
 
 
-def unloaded_turns(
-    motion: UnloadedMotion, model: PlateModel, noise: Array, noise_ratio: float | None
-) -> list[TurnLag]:
+def unloaded_turns(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[TurnLag]:
     """The lag in each turn of a recording of the unloaded plate; none if the plate is too light.
-    `noise_ratio` tells whether its markers were smoothed.
 
     Raises
     ------
@@ -551,11 +544,6 @@ def unloaded_turns(
     lag = mean_lag(turns or []) or 0.0
     if turns is None or abs(lag) > LARGEST_LAG_S:
         late = f", but comes {1e3 * lag:.0f} ms later" if turns else ""
-        if noise_ratio is not None:
-            late += (
-                f". Its markers' noise near half their rate is {noise_ratio:.1g} times that at a"
-                " tenth of it, of raw ones 0.07 to 1"
-            )
         raise InputError(
             f"trial {motion.name}: the unloaded plate's wrench does not follow its motion within"
             f" {LARGEST_LAG_S * 1e3:g} ms{late}",

@@ -278,7 +278,7 @@ def test_a_load_far_from_the_known_weight_is_excluded(changed, message):
         assert re.search(message, row["reason"])
 
 
-def test_a_difference_from_the_static_trial_counts_where_half_of_a_kind_of_crossings_have_it():
+def test_a_difference_counts_where_half_of_a_kind_of_crossings_have_it():
     rows = pl.DataFrame({
         "perturbed": [True, True, False, False, False, False],
         "different": ["a marker", "corners", "corners", "corners", "ankle", "a marker"],

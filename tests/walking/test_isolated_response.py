@@ -78,7 +78,7 @@ def test_a_response_is_zero_on_average_over_the_baseline():
 
 
 @pytest.mark.parametrize("onset", [0.6, 0.6017])
-def test_the_window_is_a_tenth_of_a_second_from_the_onset_also_between_frames(
+def test_the_window_is_a_tenth_of_a_second_from_an_onset_between_frames(
     onset,
 ):
     response = response_of(crossing("p", onset), mean_gait())
@@ -115,7 +115,7 @@ def test_the_impedance_comes_out_whatever_the_pace(stance, truth):
 
 
 @pytest.mark.parametrize(("onset", "told"), [(None, "onset"), (0.96, "baseline.*window.*0-1")])
-def test_a_crossing_without_an_onset_and_a_response_that_leaves_stance_are_refused(onset, told):
+def test_no_onset_and_a_response_that_leaves_stance_are_refused(onset, told):
     with refused_with(f"trial p:.*{told}"):
         response_of(crossing("p", onset), mean_gait())
 

@@ -158,7 +158,7 @@ def about_two_axes():
     return [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
 
 
-def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings():
+def test_the_error_of_the_height_is_that_of_a_mean_over_the_recordings():
     """Recordings of one motion weigh alike, so that the height is the mean of theirs. Its standard
     error is then s/sqrt(m)."""
     heights = np.array([0.020, 0.021, 0.017, 0.024, 0.018])

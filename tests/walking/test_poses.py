@@ -69,7 +69,7 @@ def test_the_pose_that_moved_the_markers_comes_out_with_one_of_four_hidden() -> 
     assert np.isnan(poses.position[70:80]).all()
 
 
-def test_a_marker_that_repeats_its_place_is_hidden_and_a_cluster_at_rest_is_seen() -> None:
+def test_a_marker_that_repeats_its_place_is_occluded_one_at_rest_is_not() -> None:
     tracks = moving_foot().tracks.copy()
     tracks[150:] = tracks[149]
     held = tracks.copy()
@@ -166,7 +166,7 @@ FLAT = [pl.col(f"marker_FOOT{k}_{axis}") * 0 for k in range(1, 5) for axis in "y
     (hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), "trial static: marker SHANK2"),
     (changed(static_trial(ANKLE), *FLAT), "foot markers FOOT1, FOOT2, FOOT3, FOOT4"),
 ])  # fmt: skip
-def test_a_static_marker_that_is_never_seen_and_a_cluster_on_a_line_are_refused(
+def test_a_static_marker_never_seen_and_a_cluster_on_a_line_are_refused(
     trial: Trial, told: str
 ) -> None:
     with refused_with(told):

@@ -279,8 +279,9 @@ def beside_known(
     -------
     polars.DataFrame
         The table with `K_over_K_s`, and `K_ratio`, K over the predicted one, or `K_over_K_d` and
-        `B_over_B_d`. These take K and B without friction where they are known; for `K_ratio` else K
-        at the largest amplitude, where friction changes it least; for `K_over_K_d` what of K and of
+        `B_over_B_d`. `K_over_K_s` is of K itself. The others take K and B without friction where
+        they are known; for `K_ratio` else K at the largest amplitude, where friction changes it
+        least; for `K_over_K_d` what of K and of
         its range is nearest to K_d.
     """
     whole = table.row(-1, named=True)

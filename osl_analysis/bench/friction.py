@@ -38,6 +38,7 @@ from osl_analysis.inference import (
 )
 from osl_analysis.inference.actuator import MISSED_OF_FRICTION, deviations
 from osl_analysis.inference.spectra import FRICTION_WINDS, slipping_springs
+from osl_analysis.stats.budget import welch_satterthwaite
 from osl_analysis.stats.linear_fit import LinearFit
 
 AT_REST = 0.1  # SD of the velocity, below which a joint rests
@@ -125,14 +126,17 @@ def without_friction(s: Sums, model: Model, friction: LinearFit) -> LinearFit:
     fit = fit_groups(s.less(column, T_C), model)
     by_friction = np.append(-s.estimates([*model.values()], column), 1.0)
     standard, freedom = friction.budget(column).spread()
-    covariance = standard**2 * np.outer(by_friction, by_friction)
-    covariance[:-1, :-1] += fit.covariance
+    of_friction = standard**2 * np.outer(by_friction, by_friction)
+    of_fit = np.zeros_like(of_friction)
+    of_fit[:-1, :-1] = fit.covariance
+    variances = [np.diag(of_fit), np.diag(of_friction)]
+    freedoms = [np.append(fit.degrees_of_freedom, np.inf), np.full(len(by_friction), freedom)]
     return replace(
         fit,
         names=(*model, "T_C"),
         estimates=np.append(fit.estimates, T_C),
-        covariance=covariance,
-        degrees_of_freedom=np.full(len(by_friction), freedom),
+        covariance=of_fit + of_friction,
+        degrees_of_freedom=welch_satterthwaite(variances, freedoms),
     )
 
 

@@ -336,6 +336,8 @@ def with_encoder_errors(
     # a low-pass that does not ring where the joint comes to rest
     smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
     smooth_theta = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)[each]
+    # where in its step the angle lies, as a phase exp(2 pi i theta/step): the rows of a step add up
+    # while the joint rests, and cancel where it passes through
     turn = np.exp(2j * np.pi * smooth_theta / step)
     reading = np.rint(record.theta[each] / step).astype(int)
     reading -= reading.min()

@@ -43,7 +43,7 @@ class Stratum(NamedTuple):
 
 @dataclass(frozen=True)
 class Groups:
-    """Groups of consecutive rows of a record; a group ends where the next one begins, or earlier.
+    """Groups of consecutive rows of a record, such as cycles, periods or blocks of a second.
 
     Attributes
     ----------

@@ -375,7 +375,8 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
         covariance *= np.outer(more, more)
     else:
         covariance, freedom = left_out(A, b, A_g, b_g)
-    # what is slower than a motion hardly counts beside it, and tells offset and drift
+    # what is slower than a motion hardly counts beside it, and tells offset and drift, whose
+    # covariance no table has
     is_slow = np.isin(columns, ["one", "ramp"])
     slow_products = s.products(s.gram, [*columns, "torque"]).sum(axis=0)[:-1][is_slow]
     left = slow_products[:, -1] - slow_products[:, :-1][:, ~is_slow] @ estimates[~is_slow]

@@ -8,11 +8,13 @@ From a recording to K, in the order in which a maintainer reads:
    (`formats/`), and `ingest/conversion.py` makes SI units and our signs of it: a `base/trial.py`.
 2. Here, `fit_impedance_trial`. `ingest/guard.py` refuses what cannot be fitted.
 3. `bench/motion.py`: `signals/grid.py` brings the columns on one time base, and what moved tells
-   which rows are fitted. `bench/record.py`: angle and torque behind one filter.
+   which rows are fitted: the settled cycles of sines (`spectral/stepped_sine.py`), or whatever
+   moves. `bench/record.py`: angle and torque behind one filter.
 4. `bench/regression.py`: normal equations of groups, estimates, standard errors
    (`stats/linear_fit.py`). `bench/impedance.py`: Eq. 15 for each amplitude and all of them.
-5. `bench/evidence.py`: what else may make K (`inference/`) becomes rows of `stats/budget.py`, whose
-   sum is the interval. `judge/judging.py`: the verdict.
+5. `bench/evidence.py`: what else may make K (`inference/`) becomes rows of a budget in
+   `bench/budgets.py`; `stats/budget.py` sums them to the interval and gives the verdict, and
+   `judge/judging.py` makes findings of it.
 """
 
 import math
@@ -61,12 +63,10 @@ from osl_analysis.ingest.guard import (
 )
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
-from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters, stated_of_device
 from osl_analysis.signals.plateaus import find_leaps
 from osl_analysis.stats.budget import LIKELY
-from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import estimate_text
 
 FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
@@ -279,15 +279,12 @@ def fit_arguments(
 
 def derive(table: Path, name: str) -> pl.DataFrame:
     """A table that is computed from another one alone: of controllers beside each other, the delay
-    of the bench over trials whose torque nothing leaves unexplained, or the summary of a part of
-    the drivetrain over its trials."""
+    of the bench, or the summary of a part of the drivetrain over its trials."""
     rows = read_table(table)
     if name == "compensation":
         return compensation_table(rows)
     if name.endswith("delay"):
-        unexplained = known_finding("unexplained_torque").title
-        is_unexplained = pl.col(DOUBTFUL).str.contains(unexplained, literal=True)
-        return delay_table(rows.remove(is_unexplained), name)
+        return delay_table(rows, name)
     return part_summary(table.stem, rows)
 
 

@@ -161,7 +161,7 @@ class ModelAtValue:
 
     Attributes
     ----------
-    candidate model : Candidate model
+    model : CandidateModel
         What it is of.
     columns : Array (k, m)
         Whitened columns; the first three multiply K, B and I.

@@ -23,7 +23,7 @@ from osl_analysis.signals.filters import power_density
 # standard error to 15 %; blocks of 2 to 6 s outlast the noise's memory
 BLOCKS = 24
 # Left out at both ends, where filters depend on what was not recorded [s]; ten times the longest
-# time constant of a path, and 4 periods of the slowest band's end
+# time constant of a path, and a period of the slowest band's end
 EDGE = 0.5
 # Time over which rows begin and end at an end or a gap [s]; without a taper the whitening filter
 # spreads the step; longer tapers only lose rows

@@ -328,8 +328,8 @@ def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:
-    """Number of leaps of the angle or the torque off its curve (`leaps.find_leaps`). A torque may
-    leap by friction, where the joint turns, and that of an actuator where its current does."""
+    """Number of leaps of the angle or the torque off its curve (`plateaus.find_leaps`). A torque
+    may leap by friction, where the joint turns, and that of an actuator where its current does."""
     trial = examined.fitted
     columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
     leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}

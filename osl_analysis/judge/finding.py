@@ -84,7 +84,7 @@ class Finding:
         Those that it is about; none: all of the fit.
     says, size, remedy
         What is wrong and what it does to the results; how large it is in this row, empty if not
-        known; and what to do, empty for nothing. `words.worded` fills in what is empty.
+        known; and what to do, empty for nothing. `worded` fills in what is empty.
 
     Examples
     --------
@@ -196,8 +196,8 @@ Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another
 class Accuracy(Settings):
     """Changes of K, B and I that matter, each as a share of itself; no width of an interval.
 
-    A finding that may move an estimate by more makes it doubtful; one that moves every estimate by
-    less is a remark.
+    A fault that would move an estimate by less is a remark. One that would move it by more makes it
+    doubtful, where it is beyond the estimate's half-width and half-range, too.
     """
 
     # Of stiffnesses; benches that agree on one spring differ by 1 to 2 %.

@@ -32,7 +32,8 @@ class KnownFinding:
         Whether it is a property of the device, which is then not of second order: the fit is what
         it says, and not doubtful.
     spoils_estimates
-        Whether it names the cause where an estimate is doubtful.
+        Whether it names the cause where an estimate is doubtful, and makes one doubtful whose
+        half-width and half-range exceed what is needed.
     """
 
     name: str

@@ -339,7 +339,7 @@ def fixture_torque(
     Notes
     -----
     The angle is low-passed at twice the fit's cut-off, so that noise does not grow. An acceleration
-    at a third of this cut-off loses 1e-6.
+    at a third of the fit's cut-off loses 1e-6.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
     smooth = LowPass(min(2 * cutoff_hz, 0.45 * rate))(theta, rate)

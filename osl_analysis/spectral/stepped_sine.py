@@ -186,7 +186,8 @@ def similar_cycles(theta: Array, noise: float, moving: NDArray[np.bool_]) -> Ite
     a single one may belong to a ramp or a rest.
 
     A cycle begins where the angle (n,) rises through its centre, from below a dead band to above
-    it. The band is 2 % of the largest angle, so that rests and noise stay within. The centre is the
+    it. The band is 2 % of the largest angle, or five noises where these are more, so that rests and
+    noise stay within. The centre is the
     median angle while the joint moves: it may rest elsewhere, and for longer.
 
     Yields

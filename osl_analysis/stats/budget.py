@@ -28,9 +28,10 @@ INTERVAL_ENDS = ("", "_low", "_high")
 """Endings of the columns of an estimate: its value and the ends of its 95 % interval."""
 
 Part = Literal["repeatability", "sensor", "bench", "motion", "fault"]
-"""repeatability: the scatter of this recording; sensor: encoder and rounding; bench: what is stated
-or assumed of it, and of friction; motion: what another amplitude or frequency would change; fault:
-what a fault of the recording would change. The last two are in no interval."""
+"""repeatability: the scatter of this recording, and what depends on a choice of its rows;
+sensor: encoder and rounding; bench: what is stated or assumed of it, and of friction;
+motion: what another amplitude or frequency would change; fault: what a fault of the recording would
+change. The last two are in no interval."""
 IN_INTERVAL: tuple[Part, ...] = ("repeatability", "sensor", "bench")
 Basis = Literal["measured", "stated", "assumed", "bound", "weighed"]
 OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
@@ -219,7 +220,7 @@ class Budget:
             of_scatter = replace(self, contributions=tuple(self.of_source("repeatability")))
             if probability(weighed) <= LIKELY or of_scatter.half_width() <= needed:
                 return Verdict(WIDE if half > needed else CLEAR, limit)
-        # a named cause before what nothing explains
+        # a bound weighs as a cause of the probability `DOUBT`: a likelier one is named first
         by_source: dict[str, float] = {}
         for each in harmful:
             weight = each.probability if each.basis != "bound" else DOUBT
@@ -231,7 +232,8 @@ class Budget:
 
 
 def probability(faults: Sequence[Contribution]) -> float:
-    """That one of these faults, which exclude each other, is there."""
+    """Sum of the probabilities of faults: that one of them is there, where they exclude each other
+    as those that are weighed do. A bound, of which nothing tells how likely it is, counts 1."""
     return sum(each.probability for each in faults)
 
 

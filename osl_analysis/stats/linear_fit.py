@@ -2,8 +2,8 @@
 """Least squares: estimates with a covariance, what the columns cannot tell apart, and VAF.
 
 Fits of groups of rows have their covariance from the spread between repeated cycles, whose edges
-may lie between two samples (bench/regression.py), those of walking from gait and plate
-(walking/impedance_fit.py).
+may lie between two samples, or from blocks that are left out (bench/regression.py), those of
+walking from gait and plate (walking/impedance_fit.py).
 """
 
 from collections.abc import Mapping, Sequence

@@ -567,8 +567,8 @@ def resting_noise(motion: UnloadedMotion, model: PlateModel) -> Array:
     spread = SPREAD_S * sampling_rate(motion.time)
     of_rests = [noise[:0]]
     for rest in motion.rests:
-        occluded = spread / (rest.stop - rest.start)
-        of_rests.append((1 + occluded) * without_mean(noise[rest]))
+        hidden_share = spread / (rest.stop - rest.start)
+        of_rests.append((1 + hidden_share) * without_mean(noise[rest]))
     return np.concatenate(of_rests) * WEIGHT
 
 
@@ -582,7 +582,7 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
     -------
     list of TurnLag or None
         Without turns that hardly change the wrench, and those that it does not follow: noise of
-        hidden markers may look like a motion. None if it does not follow all of them together.
+        occluded markers may look like a motion. None if it does not follow all of them together.
     """
     rate = sampling_rate(motion.time)
     turns = []

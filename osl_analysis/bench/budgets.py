@@ -26,7 +26,7 @@ from osl_analysis.stats.budget import (
     budget_rows,
     unknown,
 )
-from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.linear_fit import FALSE_ALARM, LinearFit
 from osl_analysis.stats.rounding import significant
 
 VISCOELASTIC = "viscoelastic branch"
@@ -42,7 +42,6 @@ ERROR_SOURCES = {
 }
 """By family of candidate models, the source."""
 LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told
-LEAST_PROBABILITY = 0.005  # of a candidate model that has a row: 40 of them do not make a doubt
 
 
 def fit_tables(name: str, *fits: tuple[Row, Mapping[str, Budget]]) -> dict[str, pl.DataFrame]:
@@ -90,7 +89,8 @@ def alternatives(
     found: list[Contribution] = []
     of_property: list[Contribution] = []
     for each in joint.alternatives:
-        if each.name in stated or each.probability < LEAST_PROBABILITY:
+        # one as improbable as a false alarm makes no doubt, and has no row
+        if each.name in stated or each.probability < FALSE_ALARM:
             continue
         is_property = each.name in PROPERTIES
         rows = of_property if is_property else found

@@ -26,6 +26,7 @@ from osl_analysis.signals.grid import (
     UniformSignals,
     uniform_signals,
 )
+from osl_analysis.signals.plateaus import FEWEST_PARTS
 from osl_analysis.spectral.periodic import PeriodicMotion, periodic_motion
 from osl_analysis.spectral.stepped_sine import (
     BIN_S,
@@ -45,7 +46,6 @@ QUICK = 4.0  # cut-offs of the low-pass for the velocity's sign
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
 
 STRETCH_S = 1.0  # s; duration of a stretch: 30 correlation times of a 15 Hz low-pass
-FEWEST_STRETCHES = 8  # of a recording, whose scores give an interval
 # of periods about their mean, above which a motion is not called periodic: a bench leaves 0.01, a
 # hand 0.05 to 0.1. Its interval is by the spread of its periods in any case
 BENCH_SCATTER = 0.03
@@ -310,7 +310,7 @@ def stretches_of(pieces: Sequence[slice], rate_hz: float, seconds: float = STRET
     """Equal stretches of about `seconds` of each piece, or shorter ones of a short recording; all
     are one stratum, without repeats."""
     longest = min(
-        seconds * rate_hz, sum(piece.stop - piece.start for piece in pieces) / FEWEST_STRETCHES
+        seconds * rate_hz, sum(piece.stop - piece.start for piece in pieces) / FEWEST_PARTS
     )
     edges = []
     for piece in pieces:

@@ -32,7 +32,7 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.signals.filters import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
-from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
+from osl_analysis.signals.plateaus import FEWEST_PARTS, is_clamped, plateaus_of
 from osl_analysis.stats.budget import Budget, Contribution, Row, unknown
 from osl_analysis.stats.linear_fit import LinearFit
 
@@ -83,7 +83,7 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
         if moved is None:
             raise InputError(
                 "the actuator's motion is not recorded, and its current has fewer than"
-                f" {FEWEST_PLATEAUS} plateaus of 0.3 s or more",
+                f" {FEWEST_PARTS} plateaus of 0.3 s or more",
                 "drive the actuator and name theta_m or omega_m in the source file, or step the"
                 " current more often",
             )
@@ -133,7 +133,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
     if len(fitted) < FEWEST_MOVING_S * rate:
         raise InputError(
             f"the actuator is faster than {SLOWEST:g} rad/s in {len(fitted)} of {len(time)}"
-            f" samples, and its current has fewer than {FEWEST_PLATEAUS} plateaus",
+            f" samples, and its current has fewer than {FEWEST_PARTS} plateaus",
             "drive it faster or longer, or check the unit of theta_m or omega_m in the source file",
         )
     record = Record(

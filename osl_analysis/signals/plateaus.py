@@ -15,7 +15,7 @@ AVERAGED_S = 0.05  # s; averaging time in the search for plateaus
 LEVEL_CHANGE = 0.02  # of the current's range, by which means of a plateau differ at most
 SHORTEST_LEVEL = 5  # changes between such means: a plateau of 0.3 s
 SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter spreads the next step
-FEWEST_PLATEAUS = 8  # whose scatter, one left out at a time, gives an interval
+FEWEST_PARTS = 8  # of a recording, whose scatter, one left out at a time, gives an interval
 LEAST_SPAN = 0.5  # of the current's range between plateaus; less are rests between two motions
 
 
@@ -89,7 +89,7 @@ def is_clamped(
     slowest : float
         Velocity [rad/s] below which the shaft stands.
     """
-    if len(plateaus) < FEWEST_PLATEAUS:
+    if len(plateaus) < FEWEST_PARTS:
         return False
     begins, _ = bins_of(time)
     levels = [current[level].mean() for level in plateaus]

@@ -33,10 +33,9 @@ HYPOTHESES = np.vstack(
 )
 ROWS = 24  # of a block, in which the signals tell how the stamps scatter
 CHUNKS = 20  # whose scatter gives the covariance; three blocks in each are the fewest
-MOTION_DEGREE = 5  # of the polynomial that takes the smooth motion out of a block
+MOTION_DEGREE = 5  # of the polynomials that a smooth motion follows in a block or a slope's window
 BLOCKS_SMOOTHED = 4  # over which the curve about which stamps scatter is smooth
 SLOPE_S = 0.04  # s over which the slope of a signal is that of a polynomial
-SLOPE_DEGREE = 3
 LEAST_NOT_ROUNDING = 0.02  # share of the stamps' scatter that their rounding must leave
 MOST_SPEED_NOISE = 0.2  # share of the mean square of x'; noise pulls a response towards 0
 KNOWN = 0.25  # standard error of a response above which a signal tells no hypothesis apart
@@ -88,7 +87,7 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
     count = clock.count[has_value]
     late = clock.residual[has_value]
     fast = late - smoothed(late, BLOCKS_SMOOTHED * ROWS + 1)
-    slope_window = max(2 * round(SLOPE_S / 2 / clock.step) + 1, SLOPE_DEGREE + 2)
+    slope_window = max(2 * round(SLOPE_S / 2 / clock.step) + 1, MOTION_DEGREE + 2)
     slope = smoothed(values, slope_window, 1) / clock.step
 
     # first rows (k,) of the blocks in which, and in what the lags reach, no sample is missing
@@ -129,7 +128,7 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
     squares += (normals @ response - 2 * products).sum(axis=0) @ response
     scores = products - normals @ response
 
-    slope_weights = scipy.signal.savgol_coeffs(slope_window, SLOPE_DEGREE, 1)
+    slope_weights = scipy.signal.savgol_coeffs(slope_window, MOTION_DEGREE, 1)
     residual_variance = squares / fluctuations.size / left_by_motion
     slope_noise = residual_variance * np.sum(slope_weights**2) / clock.step**2
     if not slope_noise <= MOST_SPEED_NOISE * slope_square / fluctuations.size:
@@ -149,10 +148,10 @@ def blocks_of(values: Array, begins: NDArray[np.intp]) -> Array:
 
 
 def smoothed(values: Array, window: int, derivative: int = 0) -> Array:
-    """Values (n,), or their slope per row, of cubics through as many neighbours as an odd window
-    has."""
+    """Values (n,), or their slope per row, of polynomials through as many neighbours as an
+    odd window has."""
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
-    return np.asarray(scipy.signal.savgol_filter(values, window, SLOPE_DEGREE, derivative))
+    return np.asarray(scipy.signal.savgol_filter(values, window, MOTION_DEGREE, derivative))
 
 
 # scatter, in steps, below which all hypotheses give the same samples: taken as even

@@ -237,6 +237,12 @@ def test_a_coarse_slow_or_resting_signal_is_not_held(signal, noise_steps, bits):
     assert held_values(rounded_to_bits(values, bits), step=1e-3) is None
 
 
+def test_a_command_with_a_level_each_150_ms_is_not_held():
+    levels = np.sin((clock(RATE) // 0.15) ** 2)
+
+    assert held_values(levels, step=1e-3) is None
+
+
 # ---- Missing samples
 
 

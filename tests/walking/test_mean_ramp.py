@@ -49,9 +49,12 @@ def test_a_straight_ramp_starts_where_it_bends():
     assert np.abs(errors_of(straight, 0.01)).max() < 1.5e-3
 
 
-def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are():
+@pytest.mark.parametrize("bulge_deg", [1.5, 0.22])
+def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are(bulge_deg):
     angles = [angle_of(onset) for onset in ONSETS]
-    angles[0] = angles[0] + np.deg2rad(1.5) * np.exp(-(((TIME - ONSETS[0] - 0.05) / 0.01) ** 2))
+    angles[0] = angles[0] + np.deg2rad(bulge_deg) * np.exp(
+        -(((TIME - ONSETS[0] - 0.05) / 0.01) ** 2)
+    )
 
     with pytest.warns(UserWarning, match=r"trial walking_0:.*platform"):
         errors = errors_of(angles, 0.01)

@@ -118,7 +118,21 @@ def simulate_planned_trial(
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)
     row = row_of_trial(settings, settings_path, trial)
-    record_trial(row, settings, followed, campaign_folder)
+    optional_module("numba", "the simulator")  # planning, which imports this module, needs none
+    p = read_parameters(settings.parameters)
+    # the truth first, so that every log has one
+    if row["experiment"] == "actuator" or EXPERIMENTS[row["experiment"]].log == "dynamometer":
+        from osl_analysis.simulator import bench_trial, recorder
+
+        log, truth = bench_trial.simulate_bench_trial(row, settings, p)
+        recorder.write_truth(campaign_folder, trial, truth)
+        bench_trial.write_bench_log(campaign_folder / row["log"], log)
+        return
+    from osl_analysis.simulator.walking_trial import simulate_walking_trial
+
+    laboratory = laboratory_of(settings, followed)
+    assert laboratory is not None  # else the settings would plan no such trial
+    simulate_walking_trial(row, settings, laboratory, p, campaign_folder)
 
 
 def simulate_campaign(
@@ -127,9 +141,8 @@ def simulate_campaign(
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings_files(settings_path, followed)
     write_sheet(settings_path, campaign_folder / "trials.csv")
-    settings = read_simulation(settings_path, followed)
-    for row in plan_trials(settings).values():
-        record_trial(row, settings, followed, campaign_folder)
+    for trial in plan_trials(read_simulation(settings_path, followed)):
+        simulate_planned_trial(settings_path, campaign_folder, trial, followed)
 
 
 def row_of_trial(
@@ -142,27 +155,3 @@ def row_of_trial(
             return row_of(trial, experiment, condition, settings)
         names.append(name)
     raise InputError(f"{settings_path}: plans no trial '{trial}'{nearest(trial, names, 0.0)}")
-
-
-def record_trial(
-    row: Mapping[str, Any],
-    settings: SimulationSettings,
-    followed: SharedChoices,
-    campaign_folder: Path,
-) -> None:
-    """Simulate the trial of one row and let its recorders write, the truth first, so that every log
-    has a truth."""
-    optional_module("numba", "the simulator")  # planning, which imports this module, needs none
-    p = read_parameters(settings.parameters)
-    if row["experiment"] == "actuator" or EXPERIMENTS[row["experiment"]].log == "dynamometer":
-        from osl_analysis.simulator import bench_trial, recorder
-
-        log, truth = bench_trial.simulate_bench_trial(row, settings, p)
-        recorder.write_truth(campaign_folder, row["trial"], truth)
-        bench_trial.write_bench_log(campaign_folder / row["log"], log)
-        return
-    from osl_analysis.simulator.walking_trial import simulate_walking_trial
-
-    laboratory = laboratory_of(settings, followed)
-    assert laboratory is not None  # else the settings would plan no such trial
-    simulate_walking_trial(row, settings, laboratory, p, campaign_folder)

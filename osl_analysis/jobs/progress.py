@@ -134,7 +134,6 @@ FOLLOWING = ("Exiting because a job", "At least one job did not", "WorkflowError
 """How messages of Snakemake begin that follow a job's own error."""
 FRAMES = re.compile(r'WorkflowError in file "[^"]+", line \d+:\n(.+)(\n *File ".+)*')
 """An error in a file of the user, and where in our rules it was found."""
-LEAST_SHARE = 0.1  # of a stage's jobs, whose time tells that of the others: the first are slow
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
@@ -161,8 +160,7 @@ class LogHandler(LogHandlerBase):
     def __post_init__(self) -> None:
         self.total = Counter[str]()  # jobs by stage
         self.done = Counter[str]()
-        self.started_s: dict[str, float] = {}  # when the first job of a stage began, and ...
-        self.first_done_s: dict[str, float] = {}  # ... when one ended first
+        self.started_s: dict[str, float] = {}  # when the first job of a stage began
         self.jobs: dict[int, Any] = {}  # stage and logs, by their numbers
         self.told = set[str]()  # lines, or their causes
         self.has_told_error = False  # of a job of ours
@@ -218,17 +216,13 @@ class LogHandler(LogHandlerBase):
             return
         self.done[stage] += 1
         done = self.done[stage]
-        self.first_done_s.setdefault(stage, time.monotonic())
         total = self.total[stage]
         spent_s = time.monotonic() - self.started_s[stage]
         if done == total:
             self.print_once(f"{stage} {done}/{total} in {spent_s:.0f} s")
         elif time.monotonic() - self.last_line_s > SHORTEST_WAIT_S:
-            left = ""
-            if done > max(1, LEAST_SHARE * total):  # the first one also started the workers
-                of_others_s = time.monotonic() - self.first_done_s[stage]
-                left = f", about {(total - done) * of_others_s / (done - 1):.0f} s left"
-            self.print_once(f"{stage} {done}/{total}{left}")
+            left_s = (total - done) * spent_s / done
+            self.print_once(f"{stage} {done}/{total}, about {left_s:.0f} s left")
 
     def print_outcome(self, stage: str, logs: Sequence[str]) -> None:
         """Of what ends the run, its brief. A line on each warning of a job, and on one that was

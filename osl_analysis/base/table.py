@@ -34,6 +34,7 @@ Places = Mapping[str, Mapping[str, str | None]]
 SIMULATED = "simulated"
 MEASURED = "measured"
 ANALYSED = "analysed"
+OUTCOME = {"status": pl.lit(ANALYSED), "reason": pl.lit(None, pl.String)}  # of what was analysed
 NOT_ANALYSED = "not analysed"
 NOT_ANALYSED_KEY = "not_analysed"  # of JSON, and of the metadata of a Parquet file
 SCHEMA = 3  # of names, units and types of columns; CONTRIBUTING.md says when it is raised

@@ -298,6 +298,13 @@ def write_trial(trial: Trial, path: Path) -> None:
         trial.samples.write_parquet(temporary, compression="lz4", metadata=metadata)
 
 
+def write_empty(columns: Sequence[str], path: Path, metadata: dict[str, str]) -> None:
+    """Write a file without rows in place of a trial; its metadata say why."""
+    empty = pl.DataFrame(schema=dict.fromkeys(columns, pl.Float64))
+    with atomic_path(path) as temporary:
+        empty.write_parquet(temporary, metadata=metadata)
+
+
 def read_trial(path: Path | str) -> Trial:
     """Read the Parquet file of a trial.
 

@@ -7,10 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import polars as pl
-
 from osl_analysis.base.errors import advise, first_of, printable, shortened
-from osl_analysis.base.table import ANALYSED, write_table
+from osl_analysis.base.table import OUTCOME, write_table
 from osl_analysis.base.trial import Trial, write_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.draft.overview import inspect_recording
@@ -77,8 +75,7 @@ def ingest_and_check(
     limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
     measured = measure_quality(record, row["experiment"], commanded, row.get("windows") or "")
-    outcome = {"status": pl.lit(ANALYSED), "reason": pl.lit(None, pl.String)}
-    write_table(measured_table(record.name, measured).with_columns(**outcome), quality, data)
+    write_table(measured_table(record.name, measured).with_columns(**OUTCOME), quality, data)
 
 
 def inspect_file(path: Path) -> Overview:

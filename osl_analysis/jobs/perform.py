@@ -26,18 +26,18 @@ from osl_analysis.base.errors import (
     show_advice_alone,
     unexpected,
 )
-from osl_analysis.base.files import atomic_path, write_text
+from osl_analysis.base.files import write_text
 from osl_analysis.base.memory import limited_memory
 from osl_analysis.base.table import (
-    ANALYSED,
     NOT_ANALYSED,
     NOT_ANALYSED_KEY,
+    OUTCOME,
     NotAnalysed,
     not_analysed,
     write_table,
     write_tables,
 )
-from osl_analysis.base.trial import read_trial
+from osl_analysis.base.trial import read_trial, write_empty
 from osl_analysis.commands.fit import FITS, fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import (
@@ -236,8 +236,7 @@ def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     first, *further = [table.name for table in FITTED[job.command].tables]
     file, archive = job.files
     by_place = {archive / f"{name}.csv": tables[name] for name in further}
-    outcome = {"status": pl.lit(ANALYSED), "reason": pl.lit(None, pl.String)}
-    by_place[file] = tables[first].with_columns(**outcome).select(columns_of_trial(first))
+    by_place[file] = tables[first].with_columns(**OUTCOME).select(columns_of_trial(first))
     write_tables(by_place, job.params["made_by"]["data"])
 
 
@@ -260,9 +259,7 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
                 tables[file / f"{table.name}.csv"] = empty
         elif file.suffix == ".parquet":
             names = ["time", *job.params.get("needed_columns", ("theta", "torque"))]
-            empty = pl.DataFrame(schema=dict.fromkeys(names, pl.Float64))
-            with atomic_path(file) as temporary:
-                empty.write_parquet(temporary, metadata={NOT_ANALYSED_KEY: json.dumps(causes)})
+            write_empty(names, file, {NOT_ANALYSED_KEY: json.dumps(causes)})
         elif file.suffix == ".json":
             write_text(file, json.dumps({NOT_ANALYSED_KEY: causes}))
         else:  # a comment of LaTeX

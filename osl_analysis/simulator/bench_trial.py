@@ -2,7 +2,6 @@
 """One trial of a bench, the dynamometer's or the actuator's own: commanded motion, the motor that
 follows it with finite bandwidth, true torque, recorded log, truth."""
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -122,8 +121,7 @@ def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: fl
     duration = excitation.full_s + 2 * excitation.fade_s
     time = np.arange(round(duration * rate_hz)) / rate_hz
     envelope = scipy.signal.windows.tukey(len(time), 2 * excitation.fade_s / duration, sym=False)
-    draws = np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), 0])
-    shape = steady_angle(excitation, time, draws)
+    shape = steady_angle(excitation, time, generator_of(seed, trial, "excitation"))
     theta = np.deg2rad(excitation.rms_deg) * envelope * shape
     return with_derivatives(np.pad(theta, round(excitation.rest_s * rate_hz)), rate_hz)
 

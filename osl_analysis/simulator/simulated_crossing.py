@@ -20,7 +20,7 @@ from osl_analysis.model.compensator import Weight, optimal_damping, stiffness_ga
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.bench_trial import JointMotion
-from osl_analysis.simulator.laboratory_settings import ANKLE_MOMENT, NOMINAL, WalkingSettings
+from osl_analysis.simulator.laboratory_settings import ANKLE_MOMENT, NOMINAL
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
     Pose,
@@ -268,10 +268,8 @@ def impedance_of_leg(
     return {"K_rendered": float(K), "B_rendered": float(B), "I_rendered": float(I)}
 
 
-def leg_clock(walking: WalkingSettings, trial: gait.GaitTrial) -> tuple[float, float]:
+def leg_clock(trial: gait.GaitTrial) -> tuple[float, float]:
     """Offset [s] and drift of the leg's clock, whose time is offset + (1 + drift) times Vicon's."""
-    usual_offset = walking.effects.leg_clock_offset.value
-    scatter = walking.effects.leg_clock_drift.value
+    usual_offset = trial.walking.effects.leg_clock_offset.value
     offset = usual_offset * trial.random("leg_clock_offset").uniform(0.5, 1.5)
-    drift = 1e-6 * scatter * trial.random("leg_clock_drift").standard_normal()
-    return offset, drift
+    return offset, trial.normal("leg_clock_drift", 1e-6)

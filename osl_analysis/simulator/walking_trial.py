@@ -60,9 +60,7 @@ def simulate_walking_trial(
     else:
         platform = gait.resting_platform(trial)
         leg, load = standing(trial)
-    facts = {"command_s": platform.command, "onset_s": platform.onset}
-    curves = {"time": trial.time, "platform_angle": platform.angle}
-    write_truth_of(trial, facts, curves, campaign, raw)
+    write_truth_of(trial, platform, {}, {}, campaign, raw)
     write_capture(raw, trial, leg, platform, load)
 
 
@@ -81,13 +79,11 @@ def simulate_walking(
     walked = unperturbed
     if row.get("perturbed"):
         walked = simulate_crossing(step, True, effects, p)
-    clock = leg_clock(trial.walking, trial)
+    clock = leg_clock(trial)
     offset, drift = clock
     platform = walked.platform
     facts = {
         "perturbed": platform.onset is not None,
-        "command_s": platform.command,
-        "onset_s": platform.onset,
         "heel_strike_s": step.heel_strike,
         "toe_off_s": step.toe_off,
         "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
@@ -96,13 +92,11 @@ def simulate_walking(
         **impedance_of_leg(walked, unperturbed),
     }
     curves = {
-        "time": walked.time,
-        "phase": step.cycle_phase(walked.time),
+        "phase": step.cycle_phase(trial.time),
         "theta": walked.motion.theta,
         "torque": walked.torque,
-        "platform_angle": platform.angle,
     }
-    write_truth_of(trial, facts, curves, campaign, raw)
+    write_truth_of(trial, platform, facts, curves, campaign, raw)
     write_leg_log(raw, walked, clock, campaign)
     markers = leg_markers(walked.foot, walked.shank)
     write_capture(raw, trial, markers, platform, walked.reaction)
@@ -110,22 +104,26 @@ def simulate_walking(
 
 def write_truth_of(
     trial: gait.GaitTrial,
+    platform: gait.PlatformMotion,
     facts: Mapping[str, object],
     curves: Mapping[str, Array],
     campaign: SimulationSettings,
     raw: Path,
 ) -> None:
-    """Write facts, settings, and curves at the rate of the analogs."""
+    """Write the platform's motion, facts, settings, and curves at the rate of the analogs."""
     rates = trial.walking.rates
     stride = rates.motion_hz // rates.analogs_hz
     truth = {
         "trial": trial.name,
         "seed": campaign.seed,
+        "command_s": platform.command,
+        "onset_s": platform.onset,
         **facts,
         "effects": campaign.effects.model_dump(),
         "gait_laboratory": trial.walking.model_dump(mode="json"),
     }
-    at_analogs = {name: curve[::stride] for name, curve in curves.items()}
+    of_trial = {"time": trial.time, **curves, "platform_angle": platform.angle}
+    at_analogs = {name: curve[::stride] for name, curve in of_trial.items()}
     write_truth(raw, trial.name, truth, at_analogs)
 
 

@@ -21,7 +21,7 @@ from osl_analysis.base.table import (
 )
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
-from osl_analysis.commands.walking import read_unperturbed_gaits, selected_crossings
+from osl_analysis.commands.walking import Gaits, read_model, selected_crossings
 from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.figures.drawing import (
     FIGURES,
@@ -169,11 +169,6 @@ def read_plotted(name: str, table_csv: Path) -> pl.DataFrame:
     return read_table(table_csv, list(plotted_columns(name)))
 
 
-def caption(name: str, table_csv: Path) -> list[str]:
-    """The sentences of the caption of a figure that is drawn from these plotted numbers."""
-    return caption_of(name, read_plotted(name, table_csv))
-
-
 def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> None:
     """Write a section per figure: its title, and its caption and width, or why it is not drawn.
     `tables` are the plotted numbers by the name of the figure, beside which its SVG file stands."""
@@ -187,7 +182,7 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> 
         reasons = in_markdown("; ".join(reasons_not_drawn(name, table)))
         text = f"Not drawn: {reasons}."
         if not reasons:
-            text = " ".join(caption(name, table))
+            text = " ".join(caption_of(name, read_plotted(name, table)))
             drawing = table.with_suffix(".svg").read_text(encoding="utf-8")
             is_single = f'width="{72 * SINGLE_COLUMN:g}pt"' in drawing
             text += f"\n\n{'One column' if is_single else 'Two columns'} wide."
@@ -261,7 +256,7 @@ def plot_walking_page(
     doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
     isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
     selected = selected_crossings(crossings, selection)
-    gaits = read_unperturbed_gaits(unperturbed)
+    gaits: Gaits = read_model(unperturbed, Gaits)
     frames = []
     for of_group in isolated.partition_by("group"):
         trials = set(of_group["trial"])

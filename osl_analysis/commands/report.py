@@ -20,9 +20,9 @@ from osl_analysis.base.files import write_text
 from osl_analysis.base.table import NotAnalysed, read_by_name, read_table
 from osl_analysis.base.yaml_settings import FilesByName
 from osl_analysis.campaign.origin import EXPERIMENTS_BY_SETTING, sentence
-from osl_analysis.commands.figure import caption, reasons_not_drawn
+from osl_analysis.commands.figure import read_plotted, reasons_not_drawn
 from osl_analysis.commands.tables import read_summary_file
-from osl_analysis.figures.drawing import figure_title
+from osl_analysis.figures.drawing import caption_of, figure_title
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB
@@ -245,7 +245,7 @@ def drawn_figures(
             absent[title] = "; ".join(reasons)
         else:
             drawing = inline_svg(name, title, path.read_text(encoding="utf-8"))
-            sentences = caption(name, path.with_suffix(".csv"))
+            sentences = caption_of(name, read_plotted(name, path.with_suffix(".csv")))
             drawn.append({"name": name, "title": title, "caption": sentences, "drawing": drawing})
     return drawn, absent
 

@@ -13,7 +13,7 @@ import polars as pl
 from pydantic import TypeAdapter
 
 from osl_analysis.base.errors import InputError, OslAnalysisError, advise, on_one_line
-from osl_analysis.base.files import atomic_path, write_text
+from osl_analysis.base.files import write_text
 from osl_analysis.base.table import (
     ANALYSED,
     SCHEMA,
@@ -30,6 +30,7 @@ from osl_analysis.base.trial import (
     Trial,
     metadata_of,
     read_trial,
+    write_empty,
     write_trial,
 )
 from osl_analysis.dictionary.described import columns_of_trial
@@ -50,6 +51,7 @@ from osl_analysis.walking.poses import StaticCalibration, static_calibration
 from osl_analysis.walking.set_up import body_mass
 
 Gaits = dict[str, UnperturbedGait]
+"""By group; of one with fewer crossings than the least there is none."""
 ADAPTERS: dict[Any, TypeAdapter[Any]] = {
     kind: TypeAdapter(kind)
     for kind in (StaticCalibration, PlateModel, Gaits, PlateTiming, Crossing)
@@ -100,11 +102,9 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
 def write_refusal(name: str, reason: str, path: Path) -> None:
     """Write a crossing's file without rows, with the reason in its provenance, so that other
     crossings are analysed."""
-    empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
     provenance = json.dumps({"refused": reason})
     metadata = {NAME_KEY: name, PROVENANCE_KEY: provenance, SCHEMA_KEY: str(SCHEMA)}
-    with atomic_path(path) as temporary:
-        empty.write_parquet(temporary, metadata=metadata)
+    write_empty(("time", "phase", "theta", "torque"), path, metadata)
 
 
 def read_crossing(path: Path) -> Crossing:
@@ -135,13 +135,6 @@ def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Cross
     """The crossings that the table `selection` does not exclude."""
     excluded = read_table(selection, ["trial", "reason"]).drop_nulls("reason")["trial"].to_list()
     return [read_crossing(path) for path in crossings if path.stem not in excluded]
-
-
-def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
-    """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not
-    among them."""
-    gaits: Gaits = read_model(path, Gaits)
-    return gaits
 
 
 def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) -> None:
@@ -301,7 +294,7 @@ def fit_perturbation(
 ) -> None:
     """Write the row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is
     excluded or has no fit."""
-    gaits = read_unperturbed_gaits(unperturbed)
+    gaits: Gaits = read_model(unperturbed, Gaits)
     rows = read_table(selection, ["trial", "reason", "group"])
     reason, group = rows.filter(trial=crossing.stem).select("reason", "group").row(0)
     gait = gaits.get(group)

@@ -12,9 +12,9 @@ from osl_analysis.base.errors import InputError, OslAnalysisError, advise
 from osl_analysis.base.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.commands.walking import (
     NO_GAIT,
+    Gaits,
     read_crossing,
     read_model,
-    read_unperturbed_gaits,
 )
 from osl_analysis.config.impedance_trajectory import (
     STANCE_SHARE,
@@ -109,7 +109,7 @@ def summarise_perturbations(
     fitted = fits.filter(pl.col(WHY_NO_FIT).is_null())
     selected = crossings_in_groups(selection, fits)
     perturbed = selected.filter("perturbed")
-    gaits = read_unperturbed_gaits(unperturbed)
+    gaits: Gaits = read_model(unperturbed, Gaits)
     model = read_model(plate, PlateModel)
     lags = read_model(timing, PlateTiming)
     commanded = commanded_trajectory(trajectory, data)

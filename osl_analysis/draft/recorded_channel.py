@@ -124,8 +124,8 @@ class Overview:
     format: str
     facts: Mapping[str, str]
     channels: Sequence[RecordedChannel]
-    remarks: Sequence[str] = ()
-    settings: Mapping[str, object] = field(default_factory=dict)
+    remarks: Sequence[str]
+    settings: Mapping[str, object]
     drafted: Sequence[RecordedChannel] = ()
     clock: RecordedChannel | None = None
     open: Sequence[str] = ()

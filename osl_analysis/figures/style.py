@@ -71,9 +71,9 @@ class PaperFigure(Figure):
         with paper_style():
             super().savefig(fname, **kwargs)
 
-    def _repr_png_(self, dpi: int = 150) -> bytes:
+    def _repr_png_(self) -> bytes:
         page = BytesIO()
-        self.savefig(page, format="png", dpi=dpi)
+        self.savefig(page, format="png", dpi=150)
         return page.getvalue()
 
 

@@ -38,11 +38,6 @@ def is_like_clock(name: str) -> bool:
     return is_clock(last) or bool(re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last))
 
 
-def is_called_clock(channel: Channel) -> bool:
-    """Whether a channel holds times of day, or may be a clock by its name."""
-    return channel.kind == Kind.CLOCK or is_like_clock(channel.name or channel.key)
-
-
 def is_of_time(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
     return dimension(normalised(unit)) == dimension("s")
@@ -248,14 +243,15 @@ def clocks_beside(
     and steps. An asked signal may be one only by its name, and beside a clock only what tells
     time: a signal may rise as evenly."""
     for channel in recording.channels:
-        is_named = is_called_clock(channel)
+        is_stamp = channel.kind == Kind.CLOCK
+        is_named = is_stamp or is_like_clock(channel.name or channel.key)
         unit = channel.unit or channel.likely_unit
         may_be = is_named or (
             channel not in asked.values() and (source.time.rate is not None or is_of_time(unit))
         )
         if channel in clocks_asked or channel.rows.count != count or not may_be:
             continue
-        readings = numbers_of(channel) / (SECOND_NS if channel.kind == Kind.CLOCK else 1)
+        readings = numbers_of(channel) / (SECOND_NS if is_stamp else 1)
         steps = np.diff(unwrapped(readings[np.isfinite(readings)])[0])
         if steps.size < 2 or not 0 <= steps.min() <= steps.max() > 0:
             continue

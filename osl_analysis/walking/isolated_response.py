@@ -93,7 +93,7 @@ def curves_of(crossings: Sequence[Crossing], signal: str, phases: Array = PHASES
     return np.stack(curves, axis=-2)
 
 
-def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:
+def stance_times(crossing: Crossing, phases: Array) -> Array:
     """Times [s] of the phases (k,) of a crossing's stance."""
     return crossing.stance.heel_strike + phases * crossing.stance.duration
 
@@ -249,7 +249,7 @@ class PerturbationResponse:
     # Samples of the fitted window, from the onset, without its end: 30 for 0.1 s at 300 Hz
     window: slice
     # stance at the matched pace over that of the unperturbed crossings, minus 1
-    pace_change: float = 0.0
+    pace_change: float
     predictors: Predictors = ()
 
     @property

@@ -11,7 +11,7 @@ every segment's axes are the laboratory's (z up).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -81,7 +81,7 @@ class StaticCalibration:
     ankle_centre: StoredArray  # point (3,) [m] that belongs to the foot and to the shank
     ankle_axis: StoredArray  # unit vector (3,) to the subject's left, the same for foot and shank
     # Of each plate, by its number (4, 3) [m]
-    corners: dict[int, StoredArray] = field(default_factory=dict)
+    corners: dict[int, StoredArray]
 
     def positions(self, names: Sequence[str]) -> Array:
         """Positions (m, 3) [m] of the named markers."""

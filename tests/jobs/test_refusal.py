@@ -36,7 +36,6 @@ from osl_analysis.commands.tables import gather, judge, list_excluded, read_summ
 from osl_analysis.commands.walking import (
     read_crossing_file,
     read_model,
-    read_unperturbed_gaits,
 )
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.jobs.perform import (
@@ -94,7 +93,7 @@ def test_a_result_is_none_that_was_not_analysed(tmp_path):
 
 
 READERS = [
-    (read_trial, "parquet"), (read_table, "csv"), (read_unperturbed_gaits, "parquet"),
+    (read_trial, "parquet"), (read_table, "csv"),
     (read_summary_file, "json"), (read_crossing_file, "parquet"),
     (lambda path: read_model(path, StaticCalibration), "json"),
 ]  # fmt: skip
@@ -470,13 +469,6 @@ def test_a_line_of_a_stage_tells_the_time_left(monkeypatch, capsys):
     of_four = lines_of_a_stage(10, 4, monkeypatch, capsys)[-1]
 
     assert of_four.endswith("4/10, about 66 s left")
-
-
-def test_the_first_jobs_of_a_long_stage_do_not_tell_the_time_left(monkeypatch, capsys):
-    *_, of_four, of_five = lines_of_a_stage(40, 5, monkeypatch, capsys)
-
-    assert of_four.endswith("4/40")
-    assert of_five.endswith("5/40, about 385 s left")
 
 
 def test_a_lock_is_one_line(capsys):

@@ -454,7 +454,8 @@ def fit(
 @file_option("--output", required=True, help="Parquet file to write, in SI units.")
 def ingest(sources: Path, output: Path, **given: Any) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
-    from osl_analysis.commands.trials import ingest_trial
+    from osl_analysis.base.trial import write_trial
+    from osl_analysis.commands.trials import checked_trial
 
     for role in ("log", "log_2", "mocap"):
         if (given[role] is None) != (given[f"{role}_source"] is None):
@@ -464,7 +465,7 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
         raise click.UsageError("give --log, --mocap or both")
     cells = {name: None if value is None else str(value) for name, value in given.items()}
     row = {"trial": output.stem, "experiment": "ingest_only", **cells}
-    ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
+    write_trial(checked_trial(row, Path(), sources), output)
     say(f"wrote {output}")
 
 

@@ -21,20 +21,6 @@ from osl_analysis.signals.grid import with_clocks
 MOST_CHANNELS = 200  # that are printed of a file
 
 
-def ingest_trial(
-    row: Mapping[str, Any],
-    raw_folder: Path,
-    sources_folder: Path,
-    output: Path,
-    needed_columns: Sequence[str] = (),
-) -> Trial:
-    """The trial of one row of the sheet, written as Parquet to `output`; arguments and errors as in
-    `checked_trial`."""
-    trial = checked_trial(row, raw_folder, sources_folder, needed_columns)
-    write_trial(trial, output)
-    return trial
-
-
 def checked_trial(
     row: Mapping[str, Any],
     raw_folder: Path,
@@ -73,7 +59,8 @@ def ingest_and_check(
 ) -> None:
     """Write the trial of one row of the sheet, and to `quality` a row for each check, without
     limits and verdicts."""
-    record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
+    record = checked_trial(row, raw_folder, sources_folder, needed_columns)
+    write_trial(record, trial)
     measured = measure_quality(record, row["experiment"], commanded, row.get("windows") or "")
     write_table(measured_table(record.name, measured).with_columns(**OUTCOME), quality, data)
 

@@ -25,7 +25,7 @@ from osl_analysis.base.trial import (
     read_trial,
     write_trial,
 )
-from osl_analysis.commands.trials import ingest_trial
+from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.clock import aligned_clock
@@ -95,7 +95,7 @@ def row(**fields):
 
 
 def ingested(folder, **fields):
-    ingest_trial(row(**fields), folder, folder, folder / OUT)
+    write_trial(checked_trial(row(**fields), folder, folder), folder / OUT)
     return read_trial(folder / OUT)
 
 
@@ -253,10 +253,7 @@ def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(
 ):
     needed = EXPERIMENTS["belt"].needed_columns
     with refused_with(r"trial walk_1:.*column torque, theta_m,.*experiment 'belt'"):
-        ingest_trial(
-            row(experiment="belt"), laboratory, laboratory, laboratory / "out.parquet", needed
-        )
-    assert not (laboratory / "out.parquet").exists()
+        checked_trial(row(experiment="belt"), laboratory, laboratory, needed)
 
 
 CSV_LOG = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: a, unit: UNIT}\n"
@@ -271,9 +268,8 @@ def capture_of(folder, points, experiment, **parameters):
 
 
 def trial_of(folder, experiment="ingest_only", **files):
-    ingest_trial(
-        {"trial": "a", "experiment": experiment, **files}, folder, folder, folder / "a.parquet"
-    )
+    cells = {"trial": "a", "experiment": experiment, **files}
+    write_trial(checked_trial(cells, folder, folder), folder / "a.parquet")
     return read_trial(folder / "a.parquet")
 
 

@@ -191,9 +191,8 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
     def refuse(*_):
         raise InputError("raw/b_1.mcap: too short", "record it again")
 
-    monkeypatch.setattr(
-        trials, "ingest_trial", lambda row, raw, sources, output, columns: Path(result(output))
-    )
+    monkeypatch.setattr(trials, "checked_trial", lambda *_: None)
+    monkeypatch.setattr(trials, "write_trial", lambda _, path: result(path))
     monkeypatch.setattr(trials, "measure_quality", refuse)
     monkeypatch.setattr(
         "osl_analysis.jobs.perform.limited_memory",

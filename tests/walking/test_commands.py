@@ -19,7 +19,7 @@ from walking_synthetic import hidden, settings, static_trial
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import read_trial, write_trial
 from osl_analysis.commands import walking
-from osl_analysis.commands.trials import ingest_trial
+from osl_analysis.commands.trials import checked_trial
 from osl_analysis.judge.finding import Limits
 from osl_analysis.walking.crossing import PER_UNIT
 from osl_analysis.walking.plate_inertia import PlateModel
@@ -95,7 +95,8 @@ def recorded(setup, folder, **row):
     trial = row["trial"]
     setup.record(folder, row)
     files = {"mocap": f"vicon/{trial}.c3d", "mocap_source": "vicon"}
-    ingest_trial(row | files, folder, ROOT / "config/sources", folder / f"trials/{trial}.parquet")
+    recording = checked_trial(row | files, folder, ROOT / "config/sources")
+    write_trial(recording, folder / f"trials/{trial}.parquet")
 
 
 def record_session(setup, folder, perturbed, unperturbed, unloaded, **choices):

@@ -5,8 +5,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.base.trial import read_trial
-from osl_analysis.commands.trials import ingest_trial
+from osl_analysis.base.trial import read_trial, write_trial
+from osl_analysis.commands.trials import checked_trial
 from osl_analysis.walking.crossing import ankle_torque
 from osl_analysis.walking.plate import (
     find_stances,
@@ -33,7 +33,7 @@ def recorded(recordings, tmp_path_factory):
     folder = tmp_path_factory.mktemp("published")
     (folder / "plug_in_gait.yaml").write_text(SOURCE)
     row = {"trial": "pig", "mocap": "btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
-    ingest_trial(row, recordings / "c3d", folder, folder / "pig.parquet")
+    write_trial(checked_trial(row, recordings / "c3d", folder), folder / "pig.parquet")
     return read_trial(folder / "pig.parquet")
 
 

@@ -203,10 +203,10 @@ class Plate:
     corners: Array
     origin: Array
     channels: Sequence[Channel]
-    length_unit: str = "mm"
+    length_unit: str
+    facts: Mapping[str, Any]
     calibration: Array | None = None
     sign: int = 1
-    facts: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

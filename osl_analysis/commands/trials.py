@@ -32,15 +32,15 @@ def checked_trial(
     windows, what lies within those of the sheet. Warns of what was remarkable while it was read."""
     trial = raw_files.trial_from_files(row, raw_folder, sources_folder)
     raw_files.check_columns(trial, row.get("experiment"), needed_columns)
-    facts = EXPERIMENTS.get(str(row.get("experiment")))
+    facts = EXPERIMENTS[row.get("experiment", "ingest_only")]
     windows = row.get("windows")
-    if facts is not None and facts.place == "bench":
+    if facts.place == "bench":
         assert facts.fit is not None
         if windows and not facts.fit.windows:
             trial = trial.within(windows)
         trial = with_clocks(trial)
     # those of the log tell all
-    if facts is not None and facts.place == "walkway" and not needed_columns:
+    if facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
     for text in trial.provenance["warnings"]:
         advise(text)

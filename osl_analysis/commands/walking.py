@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from pydantic import TypeAdapter
 
-from osl_analysis.base.errors import InputError, OslAnalysisError, advise, on_one_line
+from osl_analysis.base.errors import InputError, OslAnalysisError, advise, naming, on_one_line
 from osl_analysis.base.files import write_text
 from osl_analysis.base.table import (
     ANALYSED,
@@ -139,7 +139,10 @@ def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Cross
 
 def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) -> None:
     """Marker clusters, ankle centre and axis of the static trial, to a JSON file."""
-    write_model(static_calibration(read_trial(trial), settings), output)
+    recorded = read_trial(trial)
+    with naming(f"trial {recorded.name}"):
+        calibration = static_calibration(recorded, settings)
+    write_model(calibration, output)
 
 
 def calibrated_trials(
@@ -220,19 +223,17 @@ def analyse(
     onset = timings.onsets.get(walked.name)
     lag = timings.lags.get(walked.name, timings.lag) or 0.0
     try:
-        crossing = analyse_crossing(walked, static, model, perturbed, settings, onset, lag)
-        if direction is not None and crossing.direction not in (None, direction):
-            raise InputError(
-                f"trial {crossing.name}: the platform turned by"
-                f" {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: toes up), but the sheet"
-                f" says direction '{direction}'",
-                "correct the sheet, or exclude the trial",
-            )
+        with naming(f"trial {walked.name}"):
+            crossing = analyse_crossing(walked, static, model, perturbed, settings, onset, lag)
+            if direction is not None and crossing.direction not in (None, direction):
+                raise InputError(
+                    f"the platform turned by {np.rad2deg(crossing.turn or 0.0):.1f} deg"
+                    f" (positive: toes up), but the sheet says direction '{direction}'",
+                    "correct the sheet, or exclude the trial",
+                )
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
         reason = str(error)
-        if f"trial {walked.name}" not in reason:
-            reason = f"trial {walked.name}: {reason}"
         advise(f"excluded: {reason}")
         write_refusal(walked.name, reason, output)
     else:

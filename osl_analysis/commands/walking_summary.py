@@ -43,7 +43,6 @@ from osl_analysis.walking.tables import (
 )
 
 FEWEST_FITS = 2  # of perturbations, for a scatter
-TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
 
 
 def summarise_perturbations(
@@ -103,9 +102,9 @@ def summarise_perturbations(
     Raises
     ------
     InputError
-        Fewer than two perturbations can be used, or no group has a result.
+        No group has a result, as with fewer than two perturbations.
     """
-    fits = read_fits(table)
+    fits = read_table(table, ["trial"])
     fitted = fits.filter(pl.col(WHY_NO_FIT).is_null())
     selected = crossings_in_groups(selection, fits)
     perturbed = selected.filter("perturbed")
@@ -191,19 +190,6 @@ def with_verdicts(
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def read_fits(table: Path) -> pl.DataFrame:
-    """The fits to single perturbations. Raises InputError: too few can be used."""
-    fits = read_table(table, ["trial"])
-    n = fits[WHY_NO_FIT].null_count()
-    if n < FEWEST_FITS:
-        first = "".join(fits[WHY_NO_FIT].drop_nulls().head(1))
-        raise InputError(
-            f"{table}: {n} of {len(fits)} {TOO_FEW} its column {WHY_NO_FIT}, or record more"
-            f" ({first})"
-        )
-    return fits
-
-
 def crossings_in_groups(selection: Path, fits: pl.DataFrame) -> pl.DataFrame:
     """The crossings in their groups; the `reason` of one without a fit is that of the fit."""
     in_groups = read_table(selection, ["trial", "reason", "group"])
@@ -225,7 +211,10 @@ def headline_of(
     if gait is None:
         raise InputError(NO_GAIT)
     if len(fits) < FEWEST_FITS:
-        raise InputError(f"{len(fits)} {TOO_FEW} walking_crossings.csv, or record more")
+        raise InputError(
+            f"{len(fits)} perturbations can be used, expected {FEWEST_FITS} or more for a scatter",
+            "see the reasons in walking_crossings.csv and walking.csv, or record more",
+        )
     crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
     return group_headline(crossings, gait, settings, plate, timing, has_drivetrain)
 

@@ -4,7 +4,6 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 from osl_analysis.draft.likelihood import likelihoods, parted_name
@@ -41,7 +40,7 @@ class DraftedTrial(NamedTuple):
     """The cells of a trial in the sheet, and what of it the user has to decide."""
 
     cells: dict[str, str]
-    question: str = ""
+    question: str
 
 
 def stem_of(path: Path) -> str:
@@ -60,8 +59,8 @@ def trial_name(path: Path) -> str:
 
 def draft_trials(
     recordings: Sequence[tuple[Path, str, bool]],
-    moved: Mapping[Path, str] | None = None,
-    first_of: Mapping[Path, Path] = MappingProxyType({}),
+    moved: Mapping[Path, str],
+    first_of: Mapping[Path, Path],
 ) -> list[DraftedTrial]:
     """Draft the trials that recordings are, by what the words of their names tell.
 
@@ -97,7 +96,7 @@ def draft_trials(
             free_name = f"{name}_{number}"
         name_of[path] = free_name
         by_name.setdefault(free_name, {})[role] = (path, source)
-    return [draft_trial(name, files, moved or {}) for name, files in by_name.items()]
+    return [draft_trial(name, files, moved) for name, files in by_name.items()]
 
 
 def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> DraftedTrial:

@@ -34,7 +34,7 @@ class Entry:
     name: str
     fields: dict[str, object]
     channel_name: str
-    remark: str = ""
+    remark: str
     is_comment: bool = False
 
     @property

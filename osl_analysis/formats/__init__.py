@@ -17,12 +17,10 @@ names. A package elsewhere offers one by the entry point group `osl_analysis.for
 """
 
 from osl_analysis.formats.reading import (
-    beginning,
     formats_of,
-    in_one_sentence,
     known_formats,
     read,
     recognise,
 )
 
-__all__ = ["beginning", "formats_of", "in_one_sentence", "known_formats", "read", "recognise"]
+__all__ = ["formats_of", "known_formats", "read", "recognise"]

@@ -176,9 +176,7 @@ def check_hdf5(path: Path) -> list[str]:
     with h5py.File(path, "r") as file:
         file.visititems_links(look)
     if elsewhere:
-        raise InputError(
-            f"{path}: {listing(elsewhere)} is stored in other files", "save it in this one"
-        )
+        raise InputError(f"{listing(elsewhere)} is stored in other files", "save it in this one")
     check_unpacked(path, sum(sizes.values()))
     return [*sizes]
 

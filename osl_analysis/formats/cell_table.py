@@ -84,10 +84,10 @@ class Table:
     units: list[str]
     lines: NDArray[np.int64]
     body: pl.DataFrame
+    remarks: list[str]
+    end: End
     notes: list[str] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
     skipped: int = 0  # rows that do not fit the header
-    end: End = End.UNKNOWN
     delimiter: str = ""
     decimal: str = "."
 

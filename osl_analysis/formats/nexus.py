@@ -110,7 +110,8 @@ def read(path: Path, source: NexusSource | None) -> Recording:
         has_points = bool(source.markers or source.outputs)
         has_devices = bool(source.analogs or source.plates)
         used = [part for part in used if (has_points if part.title in KINDS else has_devices)]
-        facts.update(_timing_of(used))
+        if used:  # else ingest refuses it
+            facts.update(_timing_of(used))
     # two sections would differ in an export that was cut
     loss = Loss(count, count, End.WHOLE if len(used) > 1 else End.UNKNOWN)
     outputs = dict.fromkeys(name for section in used for name in section.names)
@@ -135,10 +136,6 @@ def read(path: Path, source: NexusSource | None) -> Recording:
 
 def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
     """Frames and rates, which all sections must share."""
-    if not sections:
-        raise InputError(
-            "nothing to read", "name markers, outputs, analogs or plates in the source file"
-        )
     spans = set()
     samples_per_frame = 1
     for section in sections:

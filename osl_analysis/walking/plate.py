@@ -172,15 +172,14 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
         plates = trial.provenance.get("plates", [])
         numbers = ", ".join(str(facts["plate"]) for facts in plates) or "none"
         raise InputError(
-            f"trial {trial.name}: no corners of force plate {plate}",
+            f"no corners of force plate {plate}",
             f"the recording has those of {numbers}. Correct `plate` in the configuration",
         )
     corners = np.asarray(recorded, dtype=float)
     size = np.linalg.norm(corners[0] - corners[2])
     if not SIZES_M[0] < size < SIZES_M[1]:
         raise InputError(
-            f"trial {trial.name}: force plate {plate} is {size:.3g} m from corner to corner,"
-            " expected 0.03 to 5 m",
+            f"force plate {plate} is {size:.3g} m from corner to corner, expected 0.03 to 5 m",
             "correct the unit of its corners",
         )
     return corners
@@ -218,7 +217,7 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
     """Refuse a moving plate of type 1, which records the centre of pressure and no moment."""
     if recorded_plate(trial, plate).get("type") == 1:
         raise InputError(
-            f"trial {trial.name}: force plate {plate} is of type 1 (centre of pressure) on a"
+            f"force plate {plate} is of type 1 (centre of pressure) on a"
             " moving platform: without its moments the plate's own inertia cannot be taken away",
             "export it as type 2, 3 or 4",
         )

@@ -102,7 +102,7 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         clusters[segment] = mean_positions(trial, names)
         if not spans_a_plane(np.array(list(clusters[segment].values()))):
             raise InputError(
-                f"trial {trial.name}: the {segment} markers {', '.join(names)} lie on a line or"
+                f"the {segment} markers {', '.join(names)} lie on a line or"
                 " are fewer than three, expected three or more that span a plane",
                 "name others under `markers` in the configuration",
             )
@@ -112,14 +112,14 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
     apart = np.linalg.norm(centres[1] - centres[0])
     if not SIZES_M[0] < apart < SIZES_M[1]:
         raise InputError(
-            f"trial {trial.name}: the markers of foot and shank are {apart:.2g} m apart,"
+            f"the markers of foot and shank are {apart:.2g} m apart,"
             f" expected {SIZES_M[0]:g} to {SIZES_M[1]:g} m",
             "state the unit of the points as `point_unit` in the source file",
         )
     above = centres[0][2] - centres[1][2]
     if above > 0:
         raise InputError(
-            f"trial {trial.name}: the foot markers {', '.join(foot)} stand {100 * above:.0f} cm"
+            f"the foot markers {', '.join(foot)} stand {100 * above:.0f} cm"
             f" above the shank markers {', '.join(shank)}: exchange them under `markers` or in"
             " Nexus",
             "or z does not point up, then state `axes` in the source file",
@@ -148,7 +148,7 @@ def mean_positions(trial: Trial, names: Sequence[str]) -> dict[str, Array]:
         seen = np.isfinite(track).all(axis=1)
         if not seen.any():
             raise InputError(
-                f"trial {trial.name}: marker {name} is never seen in the static trial",
+                f"marker {name} is never seen in the static trial",
                 "label it, or record the trial again",
             )
         means[name] = track[seen].mean(axis=0)
@@ -166,7 +166,7 @@ def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
             if column.endswith("_x")
         ]
         raise InputError(
-            f"trial {trial.name}: no marker '{name}'",
+            f"no marker '{name}'",
             f"correct `walking.markers` in the configuration, or its label{nearest(name, labels)}",
         )
 
@@ -174,7 +174,7 @@ def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
     time, *positions = trial.arrays(*columns)
     if not time.size:
         raise InputError(
-            f"trial {trial.name}: markers {', '.join(names)} have no frames",
+            f"markers {', '.join(names)} have no frames",
             "record the trial again",
         )
     return time, np.stack(positions, axis=1).reshape(-1, len(names), 3)

@@ -88,7 +88,7 @@ def test_the_one_joint_that_a_recording_names_is_its_joint(tmp_path, names, join
 ])  # fmt: skip
 def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):
     is_capture = experiment in ("static", "plate")
-    ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", is_capture)])
+    ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", is_capture)], {}, {})
     assert (cells["experiment"], cells["trial"][0] in "_-.") == (experiment, False)
     assert {
         k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")
@@ -100,14 +100,14 @@ def test_what_moves_tells_a_log_whose_name_tells_nothing():
     names = ("a.csv", "walk 3.csv", "belt_motor.csv")
     moved = {Path(name): "impedance" for name in names}
 
-    told = draft_trials([(path, "s", False) for path in moved], moved)
+    told = draft_trials([(path, "s", False) for path in moved], moved, {})
 
     assert [cells["experiment"] for cells, _ in told] == ["impedance", "ingest_only", "ingest_only"]
 
 
 def test_a_log_and_a_capture_of_one_name_are_one_trial_and_two_logs_are_two():
     files = [("a/walk_1.mcap", False), ("b/walk_1.c3d", True), ("c/walk_1.mcap", False)]
-    trials = draft_trials([(Path(path), "s", is_capture) for path, is_capture in files])
+    trials = draft_trials([(Path(path), "s", is_capture) for path, is_capture in files], {}, {})
     found = [(cells["trial"], cells["log"], cells.get("mocap")) for cells, _ in trials]
     assert found == [
         ("walk_1", "a/walk_1.mcap", "b/walk_1.c3d"),
@@ -531,6 +531,7 @@ def test_a_recorded_theta_m_asks_for_n_t_alone(tmp_path, rec):
 
 
 def test_a_controller_that_no_name_tells_is_asked():
-    trials = draft_trials([(Path(f"{name}.csv"), "csv", False) for name in ("k90_b1", "k60_comp")])
+    files = [(Path(f"{name}.csv"), "csv", False) for name in ("k90_b1", "k60_comp")]
+    trials = draft_trials(files, {}, {})
 
     assert ["controller" in question for _, question in trials] == [True, False]

@@ -179,7 +179,7 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path):
 def test_a_trc_finds_its_table_of_forces(name):
     recordings = [(Path(name), "opensim", False), (Path("walk.trc"), "trc", True)]
 
-    (trial,) = draft_trials(recordings)
+    (trial,) = draft_trials(recordings, {}, {})
 
     assert (trial.cells["log"], trial.cells["mocap"]) == (name, "walk.trc")
 

@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulate a campaign, or one trial of it, into a raw-data folder."""
 
-import csv
 from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
 
+import polars as pl
+
 from osl_analysis.base.errors import InputError, naming, nearest, optional_module
-from osl_analysis.base.files import atomic_path, check_target
+from osl_analysis.base.files import write_text
 from osl_analysis.base.yaml_settings import read_yaml, validated
 from osl_analysis.campaign.configuration import SharedChoices
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
-from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
+from osl_analysis.config.sheet import SheetRows
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
@@ -53,13 +54,10 @@ def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
 def write_sheet(settings_path: Path, sheet: Path) -> None:
     """Write the plan of a simulated campaign as its sample sheet."""
     check_folder(sheet.parent)
-    check_target(sheet)
     rows = plan_trials(read_yaml(settings_path, SimulationSettings))
     (sheet.parent / TRUTH).mkdir(parents=True, exist_ok=True)
-    with atomic_path(sheet) as path, path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(SHEET_COLUMNS)
-        writer.writerows(row.values() for row in rows.values())
+    table = pl.DataFrame([*rows.values()], infer_schema_length=None)
+    write_text(sheet, table.write_csv())
 
 
 def settings_files(settings_path: Path, followed: SharedChoices = UNFOLLOWED) -> list[Path]:

@@ -217,7 +217,7 @@ class StudyBench:
                 value, low, high = (row[f"{name}{end}"] for end in INTERVAL_ENDS)
                 quantity = f"{name.removesuffix('_deg')}, {hertz}"
                 quantities[quantity] = value, (high - low) / (2 * NORMAL_QUANTILE), low, high
-            yield f"sinusoid, {hertz}", row["interval_method"], quantities
+            yield f"sinusoid, {hertz}", "cycles", quantities
 
     def bounds(self, ideal: FitTables) -> dict[str, float]:
         """Cramer-Rao bounds of the torque sensor's noise, with its rounding, and drift, for the

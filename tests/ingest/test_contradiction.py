@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A speed and its angle, and both sides of a gear, contradict each other where one has a wrong
 scale."""
 

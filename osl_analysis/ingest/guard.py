@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
 
 from osl_analysis.base.errors import Change, InputError
-from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, varies
+from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, usual_step, varies
 from osl_analysis.base.trial import Array, Trial, unit_of
 from osl_analysis.base.units import si_factor
 from osl_analysis.ingest import LIMITS
@@ -80,12 +81,7 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
         of_noise = unexplained_share(rows_of_filter(measured, values)) / min(noise, least)
         of_current = 1.0
         if "current" in signals:
-            still = np.zeros_like(measured)
-            turned = signals.get(angle or "", still)
-            speed = np.gradient(turned) if turned.any() else signals.get("omega_m", still)
-            few = slice(None, None, max(time.size // LIMITS.rows_of_filter, 1))
-            rows = rows_of_current(measured[few], signals["current"][few], turned[few], speed[few])
-            of_current = unexplained_share(rows)
+            of_current = unexplained_share(rows_of_current(time, measured, signals, angle or ""))
         least_of_current = max(LIMITS.least_beside_current, LIMITS.least_of_own_noise * noise)
         is_formula = unexplained_share(sums) < least or of_current < least_of_current
         if is_formula or of_noise < LIMITS.least_of_noise:
@@ -116,14 +112,24 @@ def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) ->
     return sums[:, :-1]  # the last is shorter, so that a constant torque would vary
 
 
-def rows_of_current(torque: Array, current: Array, turned: Array, speed: Array) -> Array:
-    """Rows of a torque (n,) and what a linkage makes of a current (n,): its arm changes with the
-    angle (n,), and friction has the way of the motion, from some speed (n,) on."""
+def rows_of_current(time: Array, torque: Array, signals: Mapping[str, Array], angle: str) -> Array:
+    """The rows of a torque (n,) and what a linkage makes of a current (n,), where the joint moves
+    well: its arm changes with the angle, and friction has the way of the motion. How it sets in
+    from rest, as a sign, a tanh or Stribeck's curve, then does not matter."""
+    current = signals["current"]
+    still = np.zeros_like(torque)
+    turned = signals.get(angle, still)
+    rows = max(int(LIMITS.averaged_s / usual_step(time)), 1)
+    speed = np.gradient(scipy.ndimage.uniform_filter1d(turned, rows))
+    if not turned.any():
+        speed = signals.get("omega_m", still)
+    moves = np.abs(speed) >= LIMITS.moves_well * np.sqrt(np.mean(speed**2))
     way = np.sign(speed)
     arms = [current, current * turned, current * turned**2]
-    widths = np.multiply(LIMITS.friction_speeds, np.std(speed) + SMALLEST_SIGNAL)
-    onsets = [np.tanh(speed / width) for width in widths]
-    return np.array([torque, np.ones_like(torque), *arms, way, way * abs(current), *onsets])
+    friction = [way, way * abs(current), speed]
+    columns = np.array([torque, np.ones_like(torque), *arms, *friction])
+    step = max(np.count_nonzero(moves) // LIMITS.rows_of_filter, 1)
+    return columns[:, moves][:, ::step]
 
 
 def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:

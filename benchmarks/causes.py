@@ -29,6 +29,7 @@ from planted import CAUSES, MOTIONS, SOUND, Cause, recording, size_that_moves
 
 import osl_analysis as osl
 from osl_analysis import notebook
+from osl_analysis.campaign.configuration import OF_CONFIG
 from osl_analysis.judge.finding import Grade
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -91,7 +92,7 @@ def fitted(cause: Cause, size: float, motion: str, seed: int, gains: bool) -> An
     trial = osl.Trial("planted", pl.DataFrame(recording(cause, size, motion, seed)))
     # a device that the leg's belt cannot render is another one, which a drafted campaign states by
     # `parameters: null`
-    device = notebook.OF_CONFIG if cause.joint.K < LEG_K_S else None
+    device = OF_CONFIG if cause.joint.K < LEG_K_S else None
     try:
         return osl.fit(
             trial,

@@ -409,13 +409,14 @@ def fit(
     from osl_analysis import notebook
     from osl_analysis.base.trial import read_trial
     from osl_analysis.bench.evidence import DesiredImpedance
+    from osl_analysis.campaign.configuration import OF_CONFIG
     from osl_analysis.commands.fit_results import estimates_text, rows_json
 
     desired = None
     if (K_d, B_d, controller) != (None, None, None):
         desired = DesiredImpedance(controller or "compensated", K_d, B_d)
     recorded = read_trial(trial) if source is None else notebook.read_recording(trial, source)
-    device = None if parameters == "none" else parameters or notebook.OF_CONFIG
+    device = None if parameters == "none" else parameters or OF_CONFIG
     fitted = notebook.fit(recorded, model, desired, windows, config_path, device)
     if plot is not None:
         from osl_analysis.commands.figure import write_figure

@@ -14,7 +14,7 @@ from osl_analysis.base.result_table import read_table
 from osl_analysis.base.trial import Trial, read_trial
 from osl_analysis.base.yaml_settings import check_known
 from osl_analysis.bench.evidence import UNSTATED, DesiredImpedance
-from osl_analysis.campaign.configuration import Config, config_for_trials
+from osl_analysis.campaign.configuration import OF_CONFIG, config_for_trials
 from osl_analysis.commands.fit import fit_trial, run_fit
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure as Figure
 
 File = str | Path
-OF_CONFIG = "of the configuration"  # stands for the parameter file that the configuration names
 
 
 def as_trial(trial: Trial | File) -> Trial:
@@ -47,15 +46,6 @@ def as_trial(trial: Trial | File) -> Trial:
                 "convert or drop it",
             )
     return trial
-
-
-def choices(config: File | None, parameters: File | None) -> tuple[Config, Path | None]:
-    """The configuration, and the parameter file of the device: the stated one, or that of the
-    configuration."""
-    stated = config_for_trials(config)
-    if parameters == OF_CONFIG:
-        return stated, stated.parameters
-    return stated, None if parameters is None else shipped(parameters)
 
 
 def fit(
@@ -134,8 +124,8 @@ def fit(
         )
     elif experiment == "torque_angle":
         condition = {"desired": curve}
-    stated, device = choices(config, parameters)
-    return fit_trial(experiment, as_trial(trial), device, stated, condition, windows)
+    stated = config_for_trials(config, parameters)
+    return fit_trial(experiment, as_trial(trial), stated.parameters, stated, condition, windows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +192,8 @@ def frequency_response(
     from osl_analysis.commands.figure import fig7_points
 
     recorded = as_trial(trial)
-    stated, device = choices(config, parameters)
+    stated = config_for_trials(config, parameters)
+    device = stated.parameters
     fitted = run_fit("impedance", recorded, device, stated, desired or UNSTATED, windows)
     tables = fitted.everything()
     fits, response = tables["impedance"], tables["response"]

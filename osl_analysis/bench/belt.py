@@ -116,7 +116,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
         model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
     fits: dict[Label, LinearFit] = {}
     for branch in BRANCHES:
-        of_branch = s.of(branch)
+        of_branch = s.chosen(s.groups.of(branch))
         of_ramp = of_branch.estimates([*model.values()], "ramp")
         fit = fit_groups(of_branch, model)
         fits[branch] = fit.with_known_error("load_cell_drift", drift * of_ramp)
@@ -197,7 +197,8 @@ def belt_table(belt: Analysis) -> dict[str, pl.DataFrame]:
     theta = record.motion.theta
     torque = record.filtered_torque
     peak = np.abs(sums.columns["theta"]).max()
-    of_line, of_square, _ = sums.of("loading").estimates([*QUADRATIC.values()])
+    sums_loading = sums.chosen(sums.groups.of("loading"))
+    of_line, of_square, _ = sums_loading.estimates([*QUADRATIC.values()])
 
     # the torque, and each error of it
     errors = loop_errors(torque, record.rate_hz, record.is_fitted(), record.settings.calibration)

@@ -78,14 +78,10 @@ def stated_models(record: Record) -> set[str]:
     return stated
 
 
-def alternatives(
-    joint: ImpedanceInference | None, stated: Collection[str], k: int
-) -> list[Contribution]:
+def alternatives(joint: ImpedanceInference, stated: Collection[str], k: int) -> list[Contribution]:
     """What the candidate models of Eq. 15 would make of K, B or I (k = 0, 1, 2), each with its
     probability, and what torque that none of them explains could, whose bound is a rectangular
     distribution's half-width (JCGM 100:2008, 4.3.7)."""
-    if joint is None:
-        return []
     found: list[Contribution] = []
     of_property: list[Contribution] = []
     for each in joint.alternatives:
@@ -213,9 +209,10 @@ def with_other_contributions(found: WhatElse, own: Mapping[str, Budget]) -> dict
             *over_motion(found, name),
             *other_stamps(found.analysis, name),
             *certain_lag(found, name),
-            *alternatives(found.joint, stated, k),
-            *unchecked(found, name),
         ]
+        if found.joint:
+            common += alternatives(found.joint, stated, k)
+        common += unchecked(found, name)
         complete[name] = own[name].plus(*common)
         if without in own:
             complete[without] = own[without].plus(*common)

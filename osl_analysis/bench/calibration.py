@@ -2,6 +2,7 @@
 """Calibration of a bench: a known spring or inertia, which gives its lag and gain; its fixture,
 measured alone and taken off the torque of every other trial; and the frame between two angles."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,12 +47,9 @@ class CalibrationOfTwoClocks(Calibration):
         return self.is_stated
 
 
-def with_clock_error(settings: ImpedanceAnalysis, trial: Trial) -> ImpedanceAnalysis:
+def with_clock_error(settings: ImpedanceAnalysis, clock: Mapping[str, float]) -> ImpedanceAnalysis:
     """Settings whose `calibration.delay` holds the standard error of the fit of a trial's second
-    clock to the first, in the middle of the trial."""
-    clock = trial.provenance.get("clock") or {}
-    if clock.get("drift_error") is None:
-        return settings
+    `clock` to the first, in the middle of the trial."""
     error_s = clock["residual"] / np.sqrt(max(clock["edges"], 1))
     stated = settings.calibration
     with_clock = {**stated.model_dump(), "delay": np.hypot(stated.delay, error_s)}
@@ -314,10 +312,10 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> tuple[Row, dict[s
     return row, {name: fit.budget(name) for name in fit.names}
 
 
-def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:
+def with_fixture(trial: Trial, fixture: Fixture) -> Trial:
     """Let the time base take the fixture of the settings off the torque; one that the sheet states
     for this trial comes first."""
-    if fixture is None or "torque" not in trial.columns or fixture_of(trial):
+    if "torque" not in trial.columns or origin(trial, "torque").get("fixture"):
         return trial
     # arguments of `signals.grid.fixture_torque`
     stated = fixture.model_dump(include={"inertia", "weight", "rest_deg"})
@@ -326,13 +324,8 @@ def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:
     return replace(trial, provenance={**trial.provenance, "columns": columns})
 
 
-def fixture_of(trial: Trial) -> dict[str, float]:
-    """Arguments of `signals.grid.fixture_torque` by which a trial's torque is corrected; empty
-    without a fixture."""
-    return origin(trial, "torque").get("fixture") or {}
-
-
 def fixture_column(trial: Trial) -> pl.Expr:
     """The column `fixture`: what is taken off the torque, in words; null if nothing is."""
-    parts = [f"{name} {value:g}" for name, value in fixture_of(trial).items() if value]
+    fixture = origin(trial, "torque").get("fixture") or {}
+    parts = [f"{name} {value:g}" for name, value in fixture.items() if value]
     return pl.lit(", ".join(parts) or None, pl.String).alias("fixture")

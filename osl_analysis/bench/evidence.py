@@ -162,15 +162,16 @@ def impedance_table(
         of_trial.update(K_predicted=of_gains[0], B_predicted=of_gains[1])
     fits = []
     for label in analysis.fits:
-        variance = s.of(label).covariance(["theta"])
+        variance = s.chosen(s.groups.of(label)).covariance(["theta"])
         row: Row = {
             **analysis.place(label),
             **analysis.diagnostics(label),
-            "torque_error": torque_error(analysis.sums, label, desired),
             "theta_rms_deg": np.rad2deg(np.sqrt(variance[0, 0])),
             "fitted_s": record.is_fitted(label).sum() / record.rate_hz,
             **of_trial,
         }
+        if desired.K_d is not None and desired.B_d is not None:
+            row["torque_error"] = torque_error(analysis.sums, label, desired.K_d, desired.B_d)
         budgets = estimates_of(analysis, found, label)
         if label is None:
             row.update(found.ranges)
@@ -303,14 +304,12 @@ def beside_known(
     return table.with_columns(**known)
 
 
-def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:
+def torque_error(s: Sums, label: Label, K_d: float, B_d: float) -> float:
     """RMS [N*m] of tau - (K_d theta + B_d omega) in the rows of a label: the error of the rendered
-    torque. Offset and drift are the load cell's, and left out. None where K_d or B_d is not
-    known."""
-    if desired.K_d is None or desired.B_d is None:
-        return None
-    covariance = s.of(label).covariance(["theta", "omega", "ramp", "torque"])
-    weights = np.array([-desired.K_d, -desired.B_d, 0.0, 1.0])
+    torque. Offset and drift are the load cell's, and left out."""
+    of_label = s.chosen(s.groups.of(label))
+    covariance = of_label.covariance(["theta", "omega", "ramp", "torque"])
+    weights = np.array([-K_d, -B_d, 0.0, 1.0])
     with_ramp = (covariance @ weights)[2]
     square = weights @ covariance @ weights - with_ramp**2 / covariance[2, 2]
     return float(np.sqrt(max(square, 0.0)))

@@ -26,7 +26,7 @@ from osl_analysis.bench.regression import (
     Sums,
     columns_of,
     fit_groups,
-    motion_sums,
+    gram_sums,
     with_effects,
 )
 from osl_analysis.inference import (
@@ -79,7 +79,7 @@ def coulomb_fits(
     model = analysis.model
     fits: dict[Label, LinearFit | None] = {}
     for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
-        sums = s.of(label)
+        sums = s.chosen(s.groups.of(label))
         found = None
         try:
             smooth = friction_beside(sums, model, "T_C")
@@ -196,12 +196,12 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tupl
     stiffness, *_, kappa = np.linalg.lstsq(beside.T, few.filtered_torque[rows])[0]
     theta = few.motion.theta
     wound = theta + kappa / stiffness * theta_m
-    hysteresis = slipping_springs(wound, FRICTION_WINDS)[-1]
+    (hysteresis,) = slipping_springs(wound, FRICTION_WINDS[-1:])
     # friction and the belt's hysteresis look alike: how much is whose is told within these bounds
     bounds = np.array([actuator.angles(theta, z, few.rate_hz) for z in (hysteresis, 0 * theta)])
     torques = kappa * (theta_m - bounds.mean(axis=0))
     of_hysteresis = kappa * (bounds[0, 0] - bounds[1, 0]) / 2
-    sums = motion_sums(few, {**columns, "friction": torques[0]}, record.angle_noise)
+    sums = gram_sums(few, {**columns, "friction": torques[0]}, record.angle_noise)
     fit = fit_less(sums, "friction", 1.0)
     by_torque = np.linalg.pinv(X[:, rows].T)
     of_blocks = deviations(torques[:, rows] @ by_torque.T)

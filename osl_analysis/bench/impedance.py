@@ -25,7 +25,7 @@ from osl_analysis.bench.regression import (
     columns_of,
     fast_signals,
     fit_groups,
-    motion_sums,
+    gram_sums,
     noise_moments,
 )
 from osl_analysis.inference.rounding_errors import repeated_share
@@ -187,7 +187,7 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
         As `fit_groups`.
     """
     if sums is None:
-        sums = motion_sums(record, columns_of(record), record.angle_noise)
+        sums = gram_sums(record, columns_of(record), record.angle_noise)
     tells_K_from_I = {"theta", "alpha"} <= set(model.values())
     fits = {}
     strata = sums.groups.strata
@@ -201,7 +201,7 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
                     f"excite it below {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well,"
                     f" {STIFFNESS_ALONE}",
                 )
-            fits[label] = fit_groups(sums.of(label), model)
+            fits[label] = fit_groups(sums.chosen(sums.groups.of(label)), model)
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
             if label is None:
                 raise
@@ -348,7 +348,7 @@ def with_encoder_errors(
     for label, fit in fits.items():
         rows = few.is_fitted(label)
         _, inverse = solved(X[:, rows] @ X[:, rows].T, np.zeros(len(X)))
-        of_columns = {column: fit[name] for name, column in model.items()}
+        of_columns = dict(zip(model.values(), fit.estimates.tolist(), strict=True))
         stiffness, damping, inertia = (of_columns.get(name, 0.0) for name in DERIVATIVES[:3])
         by_angle = inverse @ (stiffness * X - damping * slope + inertia * bend)[:, rows]
         squares = np.zeros(len(X))
@@ -389,7 +389,7 @@ def parts_of(record: Record, sums: Sums) -> Iterator[Sums]:
         for label in labels:
             own_hz = np.unique([each.frequency_hz for each in groups.strata if each.label == label])
             if len(labels) > 1 and len(own_hz) > 1:
-                yield sums.of(label)
+                yield sums.chosen(groups.of(label))
         sines_hz = np.unique(hz)
         if len(sines_hz) >= FEWEST_SINES:
             both = len(sines_hz) // 2  # the sine in the middle belongs to both parts

@@ -267,7 +267,7 @@ def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> d
         complete[name] = budgets[name].plus(
             Contribution(source, half, basis="measured", part="motion"),
             *other_stamps(analysis, name),
-            *alternatives(joint, stated, k),
+            *(alternatives(joint, stated, k) if joint else ()),
             *(each for each in [of_delay.get(name)] if each and "delay" not in stated),
         )
     return complete

@@ -200,13 +200,14 @@ class Record:
         if step == 1:
             return self
         rows = slice(None, None, step)
+        motion = self.motion
         stop = np.minimum(self.groups.stop / step, len(self.time[rows]))
         return replace(
             self,
             time=self.time[rows],
-            theta=self.motion.theta[rows],
+            theta=motion.theta[rows],
             torque=self.filtered_torque[rows],
-            motion=self.motion[rows],
+            motion=Motion(motion.theta[rows], motion.omega[rows], motion.alpha[rows]),
             filtered_torque=self.filtered_torque[rows],
             usable=self.usable[rows],
             actuator={name: signal[rows] for name, signal in self.actuator.items()},

@@ -24,15 +24,14 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.base.trial import Array
-from osl_analysis.bench.record import Groups, Label, Record
+from osl_analysis.bench.record import Groups, Record
 from osl_analysis.model.drivetrain import Stiffness, linear_torque
-from osl_analysis.signals.filters import HIGHEST_CUTOFF, runs, seven_point_motion
+from osl_analysis.signals.filters import HIGHEST_CUTOFF, run_edges, seven_point_motion
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
     DIRECTION_ROUNDING,
     LinearFit,
     between_cycles,
-    check_condition,
     products_between,
     solved,
     vaf_by_moments,
@@ -149,10 +148,6 @@ class Sums:
             self, gram=self.gram[is_chosen], weighted=self.weighted[is_chosen], groups=groups
         )
 
-    def of(self, label: Label) -> "Sums":
-        """Those of a label's groups."""
-        return self.chosen(self.groups.of(label))
-
     def less(self, column: str, size: float) -> "Sums":
         """Those of the torque less `size` times a column."""
         change = np.eye(len(self.names))
@@ -179,47 +174,45 @@ class Sums:
         return means[:-1, :-1] - np.outer(of_one, of_one)
 
 
-def gram_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
+def gram_sums(
+    record: Record, columns: Mapping[str, Array], angle_noise: Array | None = None
+) -> Sums:
     """Sum the products of columns (n,) and of the record's torque, in each group.
 
     The noise is read from the raw torque, before the filter.
+
+    Of a motion of the joint, whose `angle_noise` is known, the products that are fitted are without
+    what is slower than it, and without that noise. Columns and torque of each run of rows pass the
+    same filter: where nothing repeats a high-pass whose corner is the lowest frequency of the
+    motion, else they lose their running mean over a period, which is the same all along what
+    repeats: it takes off no part of what Eq. 15 misses. Noise of the angle lengthens the columns:
+    its part of the products, by the lines of `Record.angle_noise`, is taken off (errors in
+    variables; Fuller, Measurement Error Models, 1987).
 
     Raises
     ------
     InputError
         A column cannot be measured.
     """
+    groups = record.groups
     signals = {**columns, "torque": record.filtered_torque, "raw torque": record.torque}
     for name, row in signals.items():
         check_finite(f"column '{name}'", row, least=SMALLEST_SIGNAL)
     products = np.array([*signals.values()]).T
-    gram = products_between(products, products, record.groups.first, record.groups.stop)
-    return Sums(tuple(signals), gram, record.groups, columns, gram, np.zeros_like(gram[0]))
-
-
-def motion_sums(record: Record, columns: Mapping[str, Array], angle_noise: Array) -> Sums:
-    """The sums of a motion of the joint, without what is slower than it, and without the noise of
-    its angle.
-
-    Columns and torque of each run of rows pass the same filter: where nothing repeats a high-pass
-    whose corner is the lowest frequency of the motion, else they lose their running mean over a
-    period, which is the same all along what repeats: it takes off no part of what Eq. 15 misses.
-    Noise of the angle lengthens the columns: its part of the products, by the lines of
-    `Record.angle_noise`, is taken off (errors in variables; Fuller, Measurement Error Models,
-    1987). Raises as `gram_sums`.
-    """
-    sums = gram_sums(record, columns)
-    groups = record.groups
-    fast = fast_signals(record, columns)
-    weighted = products_between(fast.T, fast.T, groups.first, groups.stop)
-    of_noise = noise_moments(sums.names, record, angle_noise)
-    weighted -= (groups.stop - groups.first)[:, None, None] * of_noise
-    return replace(sums, weighted=weighted, noise=of_noise)
+    gram = products_between(products, products, groups.first, groups.stop)
+    weighted = gram
+    noise = np.zeros_like(gram[0])
+    if angle_noise is not None:
+        fast = fast_signals(record, columns)
+        noise = noise_moments(tuple(signals), record, angle_noise)
+        weighted = products_between(fast.T, fast.T, groups.first, groups.stop)
+        weighted -= (groups.stop - groups.first)[:, None, None] * noise
+    return Sums(tuple(signals), gram, groups, columns, weighted, noise)
 
 
 def fast_signals(record: Record, columns: Mapping[str, Array]) -> Array:
     """Columns, filtered and raw torque (q, n) without what is slower than the motion, as
-    `motion_sums` says."""
+    `gram_sums` says."""
     slow_hz = record.band_hz[0]
     signals = np.array([*columns.values(), record.filtered_torque, record.torque])
     groups = record.groups
@@ -227,7 +220,8 @@ def fast_signals(record: Record, columns: Mapping[str, Array]) -> Array:
     fast = signals.copy()
     n = len(record.time)
     # a fraction of a row at the ends of a run is read from the rows beside it
-    for rows in runs(groups.cover(~repeat, n, EDGE_ROWS)):
+    for first, stop in run_edges(groups.cover(~repeat, n, EDGE_ROWS)):
+        rows = slice(first, stop)
         fast[:, rows] = without_slower(signals[:, rows], slow_hz / record.rate_hz)
     alike = [(repeat, slow_hz)]  # all periods, or the cycles of each sine
     if groups.kind == "cycles":
@@ -236,7 +230,8 @@ def fast_signals(record: Record, columns: Mapping[str, Array]) -> Array:
     # offset and drift are left, which tell what is left of the torque's
     moves = ~np.isin([*columns, "torque", "raw torque"], ["one", "ramp"])
     for is_alike, hz in alike:
-        for rows in runs(groups.cover(is_alike, n, EDGE_ROWS)):
+        for first, stop in run_edges(groups.cover(is_alike, n, EDGE_ROWS)):
+            rows = slice(first, stop)
             fast[moves, rows] -= running_mean(signals[moves, rows], record.rate_hz / hz)
     return fast
 
@@ -333,7 +328,7 @@ def sums_of(record: Record, expected: Stiffness | None = None) -> Sums:
         columns["linear"] = linear_torque(
             expected, columns["theta"], few.rate_hz, 3 * low_pass.cutoff_hz
         )
-    return motion_sums(few, columns, record.angle_noise)
+    return gram_sums(few, columns, record.angle_noise)
 
 
 def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearFit:
@@ -359,9 +354,8 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
     b_g = products[:, :-2, -2]
     A = A_g.sum(axis=0)
     b = b_g.sum(axis=0)
-    estimates, inverse = solved(A, b)
     varies = [k for k, column in enumerate(columns) if column != "one"]
-    check_condition(tuple(model), varies, A, inverse, limit)
+    estimates, inverse = solved(A, b, tuple(model), varies, limit)
 
     repeat = s.groups.repeat()
     if repeat.any():
@@ -378,19 +372,20 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
     # what is slower than a motion hardly counts beside it, and tells offset and drift, whose
     # covariance no table has
     is_slow = np.isin(columns, ["one", "ramp"])
-    slow_products = s.products(s.gram, [*columns, "torque"]).sum(axis=0)[:-1][is_slow]
-    left = slow_products[:, -1] - slow_products[:, :-1][:, ~is_slow] @ estimates[~is_slow]
-    estimates[is_slow], _ = solved(slow_products[:, :-1][:, is_slow], left)
+    sums = s.products(s.gram, [*columns, "torque", "one"]).sum(axis=0)
+    slow_sums = sums[:-2][is_slow]
+    left = slow_sums[:, -2] - slow_sums[:, :-2][:, ~is_slow] @ estimates[~is_slow]
+    estimates[is_slow], _ = solved(slow_sums[:, :-2][:, is_slow], left)
     # VAF with an own offset
-    moments = s.covariance([*columns, "torque"])
+    means = sums / sums[-1, -1]
+    moments = means[:-1, :-1] - np.outer(means[-1, :-1], means[-1, :-1])
     weights = np.append(-estimates, 1.0)
     unexplained = max(weights @ moments @ weights, 0.0)
-    square, rows = np.diag(s.products(s.gram, ["torque", "one"]).sum(axis=0))
     return LinearFit(
         names=tuple(model),
         estimates=estimates,
         covariance=covariance,
-        vaf=vaf_by_moments(float(unexplained), float(moments[-1, -1]), float(square / rows)),
+        vaf=vaf_by_moments(float(unexplained), float(moments[-1, -1]), float(means[-2, -2])),
         interval_method="repeats" if repeat.any() else "blocks",
         degrees_of_freedom=freedom,
     )

@@ -37,7 +37,7 @@ from osl_analysis.bench.regression import (
     Model,
     Sums,
     fit_groups,
-    motion_sums,
+    gram_sums,
     offset_and_drift,
 )
 from osl_analysis.model.compensator import stiffness_gain
@@ -208,7 +208,7 @@ class Leg:
         """Sums of the slopes and of what the controller leaves."""
         # the slopes are behind the actuator, which passes no noise of the angle
         columns = {**self.slopes, "theta": self.record.motion.theta}
-        return motion_sums(self.residual, columns, NO_ANGLE_NOISE)
+        return gram_sums(self.residual, columns, NO_ANGLE_NOISE)
 
     def impedance(self) -> dict[str, float]:
         """K_d and B_d that are rendered (Eqs. 11-13), and the delay where it is fitted."""

@@ -11,7 +11,7 @@ import yaml
 from pydantic import AfterValidator, Field
 
 from osl_analysis.base.errors import InputError, on_one_line
-from osl_analysis.base.files import CAMPAIGN, ROOT, default_config, own_yaml
+from osl_analysis.base.files import CAMPAIGN, ROOT, default_config, own_yaml, shipped
 from osl_analysis.base.yaml_settings import (
     FILE_NAME,
     NOT_YAML,
@@ -194,16 +194,25 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     return content
 
 
-def config_for_trials(path: Path | str | None = None) -> Config:
+OF_CONFIG = "of the configuration"  # stands for the parameter file that the configuration names
+
+
+def config_for_trials(
+    path: Path | str | None = None, parameters: Path | str | None = OF_CONFIG
+) -> Config:
     """The configuration by which single trials are analysed, from a file that overrides some fields
     of the default, by default that of the working folder; the shipped default states no facts on
-    recordings of others."""
+    recordings of others. It names the stated parameter file of the device, if any."""
     default = default_config()
     own = CAMPAIGN if CAMPAIGN.is_file() else default
     stated = Path(path or own)
     own_files = tuple(Path("config").rglob("*"))  # each stands for the shipped one of its name
     contents = [file.read_bytes() for file in (default, stated) if file.is_file()]
-    return config_of_state(stated, (Path.cwd(), own_files, *contents))
+    config = config_of_state(stated, (Path.cwd(), own_files, *contents))
+    if parameters == OF_CONFIG:
+        return config
+    device = None if parameters is None else shipped(parameters)
+    return config.model_copy(update={"parameters": device})
 
 
 # to validate it takes 9 ms, and a notebook fits many trials

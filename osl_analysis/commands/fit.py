@@ -64,7 +64,12 @@ from osl_analysis.ingest.guard import (
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain import FileOrNone, known_parameters, stated_of_device
+from osl_analysis.model.drivetrain import (
+    NOTHING_STATED,
+    FileOrNone,
+    known_parameters,
+    stated_of_device,
+)
 from osl_analysis.signals.plateaus import find_leaps
 from osl_analysis.stats.budget import LIKELY
 from osl_analysis.stats.rounding import estimate_text
@@ -99,8 +104,10 @@ def fit_impedance_trial(
 
     """
     check_recording(trial, settings)
-    of_joint = with_fixture(trial, settings.fixture)
-    settings = with_clock_error(settings, trial)
+    of_joint = trial if settings.fixture is None else with_fixture(trial, settings.fixture)
+    clock = trial.provenance.get("clock") or {}
+    if clock.get("drift_error") is not None:
+        settings = with_clock_error(settings, clock)
     if windows is not None:
         cut, shifted_windows = of_joint.cut_to(windows)
         if is_broken_outside(of_joint, cut, settings.time_base.longest_gap_s):
@@ -113,7 +120,8 @@ def fit_impedance_trial(
     p = known_parameters(parameters, ["n_T"])
     stated = condition or UNSTATED
     gains = stated.gains(known_parameters(parameters), weight)
-    tables = impedance_table(analysis, p, stated, gains, stated_of_device(parameters))
+    of_device = stated_of_device(parameters) if stated.controller else NOTHING_STATED
+    tables = impedance_table(analysis, p, stated, gains, of_device)
     table = tables["impedance"].with_columns(
         saturated(trial), fixture_column(of_joint), computed_torque(trial), *gear_told(trial, p)
     )
@@ -163,7 +171,7 @@ def ready_to_fit(trial: Trial, settings: Any) -> tuple[Trial, pl.Expr]:
     check_recording(trial, settings)
     check_own_torque(trial)
     rails = saturated(trial)
-    return with_fixture(trial, settings.fixture), rails
+    return trial if settings.fixture is None else with_fixture(trial, settings.fixture), rails
 
 
 def fit_transmission_trial(
@@ -411,7 +419,8 @@ def fit_or_advise(fit: Callable[..., FitTables], trial: Trial, **arguments: Any)
     """
     try:
         tables = fit(trial=trial, **arguments)
-        check_not_swapped(fit, trial, arguments, tables)
+        if not is_possible(tables.row):
+            check_not_swapped(fit, trial, arguments, tables)
     except OslAnalysisError as error:
         helpful = diagnose(fit, trial, arguments, error.changes)
         if not helpful:
@@ -428,7 +437,7 @@ def check_not_swapped(
     much better in exchanged channels, and without a fault. A late torque makes B negative, too, and
     is late in exchanged channels as well."""
     row = tables.row
-    if is_possible(row) or not {"theta", "torque"} <= set(trial.columns):
+    if not {"theta", "torque"} <= set(trial.columns):
         return
     changes = swapped_channels(trial, "theta", "torque")
     least = math.inf

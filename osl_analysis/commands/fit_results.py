@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +20,8 @@ from osl_analysis.bench.impedance import Analysis
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.figures.drawing import completed, drawn
 from osl_analysis.judge.finding import Finding, Grade, finding_text
-from osl_analysis.judge.judging import fit_of, rows_by_fit
-from osl_analysis.stats.budget import IN_INTERVAL, Budget, budgets_in
+from osl_analysis.judge.judging import budgets_of_rows
+from osl_analysis.stats.budget import IN_INTERVAL, Budget
 from osl_analysis.stats.rounding import (
     decimal_places,
     estimate_text,
@@ -151,12 +150,11 @@ def estimates_text(
     """The estimates as text: a line per fit and quantity, with 95 % interval, its parts and the
     verdict, and the doubts about each row."""
     lines = []
-    rows_of = rows_by_fit(budget)
-    for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
-        assert isinstance(row, dict)
+    rows = estimates.to_dicts()
+    of_rows = zip(rows, budgets_of_rows(rows, budget), findings or [()] * len(rows), strict=True)
+    for row, budgets, of_row in of_rows:
         quality = f"VAF {written(row['VAF'], unit='%')} %" if "VAF" in row else "no VAF"
         lines.append(f"{row['trial']}, {fitted_motion(row)}: {quality}")
-        budgets = budgets_in(rows_of.get(fit_of(row), ()), row)
         for name in estimated(row):
             line = estimate_line(row, name)
             parts = parts_text(budgets[name]) if name in budgets else ""

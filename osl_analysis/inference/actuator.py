@@ -26,11 +26,12 @@ from osl_analysis.base.trial import Array
 from osl_analysis.inference.spectra import (
     BLOCKS,
     EDGE,
+    FRICTION_WINDS,
     LENGTH_ROUNDING,
     RIDGE_ROUNDING,
     BenchSignals,
     Spectra,
-    friction_torques,
+    slipping_springs,
 )
 
 # speed above which an actuator slides [SD of its velocity], and others, whose change is an error;
@@ -98,7 +99,7 @@ def frictionless_actuator(signals: BenchSignals) -> FrictionlessActuator:
     if recorded_load is not None:
         mean_load = float(np.mean(np.abs(recorded_load)))
         load = np.abs(spectra.resampled(*spectra.transformed(recorded_load)))
-    hysteresis = friction_torques(spectra)[-1]
+    (hysteresis,) = slipping_springs(spectra.sliding, FRICTION_WINDS[-1:])
     offset, drift = np.ones_like(sign), spectra.relative_time - 0.5
     # columns (8, p) of the joint's angle while the actuator slides, and the angle itself
     columns = np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])

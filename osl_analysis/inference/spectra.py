@@ -108,14 +108,6 @@ class BenchSignals:
     sliding_angle: Array | None = None
     load: Array | None = None
 
-    def __post_init__(self) -> None:
-        """Raise NotWeighedError: they are too short."""
-        if len(self.theta) < SHORTEST * self.rate_hz:
-            raise NotWeighedError(
-                f"the recording lasts {len(self.theta) / self.rate_hz:.3g} s",
-                f"record {SHORTEST:g} s or more",
-            )
-
     def moving_part(self) -> "BenchSignals":
         """Return the part from the first to the last motion, with `EDGE` at both ends.
 
@@ -136,7 +128,8 @@ class BenchSignals:
 
 
 class Spectra:
-    """A recording's spectra in the band of its motion, and its signals at two rates.
+    """A recording's spectra at its own rate, and its signals at the product rate. Raises
+    NotWeighedError: it is too short.
 
     Letters of shapes, here and in the modules that use it:
 
@@ -158,40 +151,20 @@ class Spectra:
         Density of the angle's noise, taken as white [rad^2/Hz].
     band_hz : float
         Where the angle's power falls to `VISIBLE_ABOVE_NOISE` times its noise [Hz].
-    working_rows, product_rows : int
-        Number of rows, with their padding, at the two rates (w, p).
+    product_rows : int
+        Number of rows, with their padding, at the product rate (p).
     first_row : int
         The first row of the recording in its padded signals.
     padded_rows, padded_seconds : int, float
         Number of recorded rows with their padding (r), and the duration of it [s].
     thinned : int
         Recorded rows in one at the product rate, not fewer; they divide `padded_rows`.
-    working_rate_hz : float
-        The working rate [Hz].
     raw_angle : Spectrum (r/2 + 1,)
         Spectrum of the padded angle, less the line between its ends, at the recorded rate.
     ends : tuple of float
         Ends of that line [rad].
     raw_torque : tuple
         The same spectrum and ends of the torque.
-    freedom : float
-        Number of independent rows.
-    frequency : Array (f,)
-        Frequencies of working spectra [Hz].
-    s : Spectrum (f,)
-        2 pi i times them [rad/s].
-    powers : Spectrum (5, f)
-        Powers of s from 0, by which derivatives are taken.
-    roll_off : Array (f,)
-        Gain that ends the band.
-    derivatives : Spectrum (5, f)
-        Angle and its first four derivatives.
-    torque : Spectrum (f,)
-        The torque.
-    window : Array (w,)
-        Weight of each working row: 0 in padding, edges and gaps.
-    rows : Array (w,) of bool
-        Where the window is not 0; their number is m.
     time : Array (p,)
         Times of product rows [s] from the first row of the recording.
     relative_time : Array (p,)
@@ -211,6 +184,11 @@ class Spectra:
     """
 
     def __init__(self, signals: BenchSignals) -> None:
+        if len(signals.theta) < SHORTEST * signals.rate_hz:
+            raise NotWeighedError(
+                f"the recording lasts {len(signals.theta) / signals.rate_hz:.3g} s",
+                f"record {SHORTEST:g} s or more",
+            )
         self.signals = signals.moving_part()
         rate, n = self.signals.rate_hz, len(self.signals.theta)
         self.seconds = n / rate
@@ -223,25 +201,8 @@ class Spectra:
         self.padded_seconds = self.padded_rows / rate
         self.raw_angle, self.ends = self.transformed(self.signals.theta)
 
-        self.angle_noise, self.band_hz = noise_and_band(self.signals.theta, rate)
-
-        # working rate
-        half = scipy.fft.next_fast_len(
-            int(WORKING_RATE / 2 * self.band_hz * self.padded_seconds), real=True
-        )
-        self.working_rows = 2 * int(half)
-        self.working_rate_hz = self.working_rows / self.padded_seconds
-        self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
-        self.s = 2j * np.pi * self.frequency
-        self.roll_off = roll_off(self.frequency, self.band_hz)
-        self.powers = np.vander(self.s, DERIVATIVE_COUNT, increasing=True).T
-        self.derivatives: Spectrum = self._working(self.raw_angle) * self.powers
         self.raw_torque = self.transformed(self.signals.torque)
-        self.torque = self._working(self.raw_torque[0])
-        self.window = self._window()
-        self.rows = self.window > 0
-        # independent rows, of which the roll-off leaves a part
-        self.freedom = float(np.count_nonzero(self.rows) * np.mean(self.roll_off**2))
+        self.angle_noise, self.band_hz = noise_and_band(self.signals.theta, rate)
 
         # product rate
         self.product_rows = 2 * int(
@@ -263,14 +224,12 @@ class Spectra:
             raw_actuator, ends = self.transformed(self.signals.sliding_angle)
             self.actuator_derivatives = self._at_product_rate(raw_actuator, 3)
             actuator = self.actuator_derivatives[0] + np.linspace(*ends, self.product_rows)
-            self.sliding = self._belt_deflection(actuator)
-
-    def windowed(self, spectrum: Spectrum) -> Spectrum:
-        """Spectra (..., f) of signals with these working spectra in the window, behind the
-        roll-off."""
-        x = scipy.fft.irfft(spectrum * self.roll_off, self.working_rows)
-        x *= self.window
-        return scipy.fft.rfft(x)
+            # what turns a belt, theta - theta_m/n_T, by the torque that it transmits
+            others = [self.omega, self.alpha, np.ones_like(self.theta), self.relative_time]
+            columns = np.array([self.angle, actuator, *others])
+            torque = self.resampled(*self.raw_torque)
+            of_torque = solve_scaled(columns[:, self.inside], torque[self.inside])
+            self.sliding = self.angle + of_torque[1] / of_torque[0] * actuator
 
     def transformed(self, x: Array) -> tuple[Spectrum, tuple[float, float]]:
         """Spectrum (r/2 + 1,) of a signal (n,) with an odd extension at both ends, less the line
@@ -288,10 +247,6 @@ class Spectra:
         extended -= np.linspace(*ends, self.padded_rows)
         return scipy.fft.rfft(extended), ends
 
-    def _working(self, raw: Spectrum) -> Spectrum:
-        """The working spectrum (f,) of a signal with this spectrum (r/2 + 1,)."""
-        return raw[: len(self.frequency)] * (self.working_rows / self.padded_rows)
-
     def _at_product_rate(self, spectrum: Spectrum, number: int) -> Array:
         """A signal and its derivatives, `number` in all, at the product rate."""
         spectrum = spectrum[: self.product_rows // 2 + 1]
@@ -305,13 +260,62 @@ class Spectra:
         smooth = self._at_product_rate(spectrum, 1)[0]
         return smooth + np.linspace(*ends, self.product_rows)
 
-    def _belt_deflection(self, actuator: Array) -> Array:
-        """What turns a belt [rad] (p,): theta - theta_m/n_T, by the torque that it transmits."""
-        others = [self.omega, self.alpha, np.ones_like(self.theta), self.relative_time]
-        columns = np.array([self.angle, actuator, *others])
-        torque = self.resampled(*self.raw_torque)
-        of_torque = solve_scaled(columns[:, self.inside], torque[self.inside])
-        return self.angle + of_torque[1] / of_torque[0] * actuator
+
+class WorkingSpectra(Spectra):
+    """The same with what is compared with the torque, in the band of the motion.
+
+    Attributes
+    ----------
+    working_rows : int
+        Number of rows, with their padding, at the working rate (w).
+    working_rate_hz : float
+        The working rate [Hz].
+    freedom : float
+        Number of independent rows.
+    frequency : Array (f,)
+        Frequencies of working spectra [Hz].
+    s : Spectrum (f,)
+        2 pi i times them [rad/s].
+    powers : Spectrum (5, f)
+        Powers of s from 0, by which derivatives are taken.
+    roll_off : Array (f,)
+        Gain that ends the band.
+    derivatives : Spectrum (5, f)
+        Angle and its first four derivatives.
+    torque : Spectrum (f,)
+        The torque.
+    window : Array (w,)
+        Weight of each working row: 0 in padding, edges and gaps.
+    rows : Array (w,) of bool
+        Where the window is not 0; their number is m.
+    """
+
+    def __init__(self, signals: BenchSignals) -> None:
+        super().__init__(signals)
+        half = scipy.fft.next_fast_len(
+            int(WORKING_RATE / 2 * self.band_hz * self.padded_seconds), real=True
+        )
+        self.working_rows = 2 * int(half)
+        self.working_rate_hz = self.working_rows / self.padded_seconds
+        self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
+        self.s = 2j * np.pi * self.frequency
+        self.roll_off = roll_off(self.frequency, self.band_hz)
+        self.powers = np.vander(self.s, DERIVATIVE_COUNT, increasing=True).T
+        in_band = slice(len(self.frequency))
+        share = self.working_rows / self.padded_rows
+        self.derivatives: Spectrum = self.raw_angle[in_band] * share * self.powers
+        self.torque: Spectrum = self.raw_torque[0][in_band] * share
+        self.window = self._window()
+        self.rows = self.window > 0
+        # independent rows, of which the roll-off leaves a part
+        self.freedom = float(np.count_nonzero(self.rows) * np.mean(self.roll_off**2))
+
+    def windowed(self, spectrum: Spectrum) -> Spectrum:
+        """Spectra (..., f) of signals with these working spectra in the window, behind the
+        roll-off."""
+        x = scipy.fft.irfft(spectrum * self.roll_off, self.working_rows)
+        x *= self.window
+        return scipy.fft.rfft(x)
 
     def _window(self) -> Array:
         """The weight (w,) of each working row, which rises over `TAPER` from edges and gaps."""

@@ -37,7 +37,7 @@ from osl_analysis.inference.spectra import (
     LENGTH_ROUNDING,
     RIDGE_ROUNDING,
     BenchSignals,
-    Spectra,
+    WorkingSpectra,
     solve_scaled,
 )
 from osl_analysis.inference.whitening import Whitened
@@ -382,7 +382,7 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
     NotWeighedError
         They are too short.
     """
-    spectra = Spectra(signals)
+    spectra = WorkingSpectra(signals)
     data = Whitened(spectra)
     searches = [Search(data, has_friction) for has_friction in (False, True)]
     without_friction = searches[0]

@@ -16,7 +16,7 @@ from osl_analysis.base.trial import Array
 from osl_analysis.inference.spectra import (
     LENGTH_ROUNDING,
     RIDGE_ROUNDING,
-    Spectra,
+    WorkingSpectra,
     friction_torques,
     solve_scaled,
 )
@@ -47,7 +47,7 @@ class Whitened:
 
     Attributes
     ----------
-    spectra : Spectra
+    spectra : WorkingSpectra
         The recording.
     torque : Array (m,)
         Whitened torque.
@@ -64,7 +64,7 @@ class Whitened:
         Mean torque of each shape of friction over its coefficient.
     """
 
-    def __init__(self, spectra: Spectra) -> None:
+    def __init__(self, spectra: WorkingSpectra) -> None:
         self.spectra = spectra
         friction = friction_torques(spectra)
         self.mean_friction = np.abs(friction[:, spectra.inside]).mean(axis=1)
@@ -97,12 +97,12 @@ class Whitened:
         return whitened[..., self.spectra.rows]
 
 
-def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
+def whitening_gain(spectra: WorkingSpectra, signals: Spectrum) -> Array:
     """Find the whitening gain (f,) from what a rich model leaves of the torque.
 
     Parameters
     ----------
-    spectra : Spectra
+    spectra : WorkingSpectra
         The recording.
     signals : Spectrum (k + 1, f)
         Windowed columns of the rich model; the torque is last.
@@ -150,7 +150,7 @@ def leverage(columns: Array) -> Array:
     return of_parts.reshape(-1, 2).mean(axis=1)
 
 
-def products_of_models(spectra: Spectra, sign: Array) -> dict[str, Array]:
+def products_of_models(spectra: WorkingSpectra, sign: Array) -> dict[str, Array]:
     """What candidate models of Eq. 15 add to it (k, p), by their names, with the smoothed `sign`
     (p,) of the velocity. The first ones change K, B and I, where these are not one number. Those
     after other moments belong to no candidate model: they make the model of the noise richer."""

@@ -18,8 +18,8 @@ from osl_analysis.judge.finding import (
     Finding,
     Grade,
     Limits,
+    fit_of,
     sentence_of,
-    subject_of,
     worded,
 )
 from osl_analysis.judge.judging import WHY_NO_FIT, RowFindings, judged, marked
@@ -250,7 +250,7 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, tuple[str,
             rows = tables.get(name, pl.DataFrame())
             if DOUBTFUL in rows.columns:
                 subjects = {
-                    subject_of(row) for row in rows.to_dicts() if row.get(WHY_NO_FIT) is None
+                    fit_of(row)[0] for row in rows.to_dicts() if row.get(WHY_NO_FIT) is None
                 }
                 judged[name] = (name.replace("_", " ") + kind, len(subjects))
     return judged

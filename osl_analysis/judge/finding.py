@@ -175,12 +175,10 @@ def cell_number(row: AnyRow, name: str) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
-def subject_of(row: AnyRow) -> str:
-    """The trial, or the group, of a row."""
-    for key in ("trial", "group"):
-        if row.get(key) is not None:
-            return str(row[key])
-    return ""
+def fit_of(row: AnyRow) -> tuple[str, float | None]:
+    """What tells the fit of a row: trial, or group of crossings, and amplitude [deg]."""
+    subjects = [row[key] for key in ("trial", "group") if row.get(key) is not None]
+    return str(subjects[0]) if subjects else "", cell_number(row, "amplitude_deg")
 
 
 # The limits of the configuration on columns of result tables, and the accuracy that
@@ -249,8 +247,8 @@ class DoubtfulFits(Settings):
 
     def of(self, table: str) -> Limits:
         """What is stated for one table."""
-        stated = self.__pydantic_extra__.get(table, ColumnLimits())
-        return Limits.model_construct(**vars(stated), accuracy=self.accuracy)
+        stated = self.__pydantic_extra__.get(table)
+        return Limits.model_construct(**vars(stated) if stated else {}, accuracy=self.accuracy)
 
 
 def check_limited_columns(limits: ColumnLimits, table: str) -> None:

@@ -3,9 +3,8 @@
 the configured limits, and the tables with them."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import polars as pl
 
@@ -19,7 +18,7 @@ from osl_analysis.judge.finding import (
     Grade,
     Limits,
     cell_number,
-    subject_of,
+    fit_of,
     worded,
 )
 from osl_analysis.judge.known_findings import (
@@ -112,31 +111,35 @@ def judged(
     list of list of Finding
         For each row doubts, remarks, then what could not be checked. Rows without a fit have none.
     """
-    rules = rules_on(name, table.columns, limits)
-    budgets_of = rows_by_fit(budget)
+    # those whose limits the configuration states before those of `findings.yaml`
+    rules = []
+    for side in LIMIT_SIDES:
+        for column, value in getattr(limits, side).items():
+            if column in table.columns:
+                no_other = dict.fromkeys(LIMIT_SIDES)
+                rules.append(replace(rule_of(column, side), **{**no_other, side: value}))
+    for rule in RULES:
+        needed = {*rule.within, *rule.given, *rule.without, *filter(None, [rule.column])}
+        if (not rule.tables or name in rule.tables) and needed <= {*table.columns}:
+            rules.append(rule)
     findings: RowFindings = []
-    for row in table.to_dicts():
+    rows = table.to_dicts()
+    for row, budgets in zip(rows, budgets_of_rows(rows, budget), strict=True):
         if row.get(WHY_NO_FIT) is not None:
             findings.append([])
             continue
-        budgets = budgets_in(budgets_of.get(fit_of(row), ()), row)
         estimates = judged_estimates(name, budgets, limits)
         fault = FINDINGS.get((faults or {}).get(str(row.get("trial")), ""))
         findings.append(findings_of_row(name, row, estimates, rules, fault))
     return findings
 
 
-def fit_of(row: AnyRow) -> tuple[object, object]:
-    """What tells the fit of a row: trial, or group of crossings, and amplitude."""
-    return subject_of(row), row.get("amplitude_deg")
-
-
-def rows_by_fit(budget: pl.DataFrame | None) -> dict[tuple[object, ...], list[dict[str, Any]]]:
-    """The rows of `budget.csv` by trial, or group of crossings, and amplitude."""
-    by_fit: dict[tuple[object, ...], list[dict[str, Any]]] = {}
-    for row in [] if budget is None else budget.to_dicts():
-        by_fit.setdefault(fit_of(row), []).append(row)
-    return by_fit
+def budgets_of_rows(rows: Sequence[AnyRow], budget: pl.DataFrame | None) -> list[dict[str, Budget]]:
+    """The budgets of the estimates of each row of a table, by `budget.csv`."""
+    by_fit: dict[object, list[AnyRow]] = {}
+    for contribution in [] if budget is None else budget.to_dicts():
+        by_fit.setdefault(fit_of(contribution), []).append(contribution)
+    return [budgets_in(by_fit.get(fit_of(row), ()), row) for row in rows]
 
 
 def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) -> list[Judged]:
@@ -192,8 +195,7 @@ def findings_of_row(
     # what spoils a recording before what follows from it, and a named cause before none
     found.sort(key=lambda each: not known_finding(each.name).spoils_estimates)
     found.sort(key=lambda each: (order.index(each.grade), each.name == UNEXPLAINED))
-    subject = subject_of(row)
-    amplitude_deg = cell_number(row, "amplitude_deg")
+    subject, amplitude_deg = fit_of(row)
     return [
         worded(replace(each, table=table, subject=subject, amplitude_deg=amplitude_deg), row)
         for each in found
@@ -323,18 +325,6 @@ def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
     ]
 
 
-def rules_on(table: str, columns: Collection[str], limits: Limits) -> list[Rule]:
-    """The rules on a table with these columns: those whose limits the configuration states, and
-    those of `findings.yaml`."""
-    rules = []
-    for side in LIMIT_SIDES:
-        for column, value in getattr(limits, side).items():
-            if column in columns:
-                no_other = dict.fromkeys(LIMIT_SIDES)
-                rules.append(replace(rule_of(column, side), **{**no_other, side: value}))
-    return [*rules, *(rule for rule in RULES if rule.concerns(table, columns))]
-
-
 def numbers_beyond(row: AnyRow, rules: Sequence[Rule]) -> Numbers:
     """Find the numbers of a row that are beyond their limits.
 
@@ -343,7 +333,7 @@ def numbers_beyond(row: AnyRow, rules: Sequence[Rule]) -> Numbers:
     row : AnyRow
         A null is not checked.
     rules : Sequence of Rule
-        Those on its table (`rules_on`).
+        Those on its table.
 
     Returns
     -------
@@ -394,14 +384,17 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
     return unit or known_factor(ratio, rule.units, NEAR_UNIT), bool(unit)
 
 
-def short_list(findings: Sequence[Finding]) -> str | None:
-    """The doubts about a row in one cell, with the estimates that they are about where a budget
-    tells it; None without any."""
+def short_list(findings: Sequence[Finding], are_doubts: bool) -> str | None:
+    """The doubts about a row in one cell, or what else was found; None without any. It says which
+    estimates a doubt is about where a budget tells it, and what could not be checked."""
     texts = []
     for finding in findings:
-        if finding.grade is Grade.DOUBTS:
-            names = ", ".join(finding.estimates)
-            texts.append(f"{names}: {finding.cause}" if names else finding.cause)
+        is_doubt = finding.grade is Grade.DOUBTS
+        about = ", ".join(finding.estimates) if is_doubt else ""
+        if finding.grade is Grade.UNCHECKED:
+            about = finding.grade
+        if is_doubt == are_doubts:
+            texts.append(": ".join(filter(None, [about, finding.cause])))
     return BETWEEN.join(dict.fromkeys(texts)) or None
 
 
@@ -420,43 +413,33 @@ def verdicts_of(findings: Sequence[Finding]) -> dict[str, str]:
 def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:
     """The table `name` with the column `DOUBTFUL`, the causes of doubt about each row (null: none),
     and, if the table has them, with a verdict on K, B and I, and with `remarks`, which also says
-    what could not be checked."""
+    what could not be checked.
+
+    A row of a single amplitude has the doubts about the fit to all of its trial, too: a clipped or
+    late torque concerns everything from the same samples."""
     described = described_tables_by_name()[name].columns
-    findings = with_those_of_trials(table, findings)
-    columns: dict[str, list[str | None]] = {DOUBTFUL: [short_list(row) for row in findings]}
-    for symbol in QUANTITIES:
-        if f"{symbol}_verdict" in described:
-            columns[f"{symbol}_verdict"] = [verdicts_of(row)[symbol] for row in findings]
-    if "remarks" in described:
-        others = [[remark_of(f) for f in row if f.grade is not Grade.DOUBTS] for row in findings]
-        columns["remarks"] = [BETWEEN.join(dict.fromkeys(row)) or None for row in others]
-    return table.with_columns(pl.Series(name, of, pl.String) for name, of in columns.items())
-
-
-def remark_of(finding: Finding) -> str:
-    """What stands of a finding in the column `remarks`: what could not be checked is not found."""
-    is_unchecked = finding.grade is Grade.UNCHECKED
-    return f"{finding.grade}: {finding.cause}" if is_unchecked else finding.cause
+    fits = [fit_of(row) for row in table.to_dicts()]
+    of_wholes: dict[str, list[Finding]] = {}
+    for (trial, amplitude_deg), of_row in zip(fits, findings, strict=True):
+        if amplitude_deg is None:
+            of_wholes[trial] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
+    marks = []
+    for (trial, amplitude_deg), of_row in zip(fits, findings, strict=True):
+        of_whole = of_wholes.get(trial, []) if amplitude_deg is not None else []
+        found = [*of_row, *of_whole]
+        verdicts = {f"{symbol}_verdict": text for symbol, text in verdicts_of(found).items()}
+        others = {"remarks": short_list(found, False)}
+        marks.append({DOUBTFUL: short_list(found, True), **verdicts, **others})
+    verdicts_on = [f"{symbol}_verdict" for symbol in QUANTITIES]
+    columns = [each for each in (*verdicts_on, "remarks") if each in described]
+    marking = pl.DataFrame(marks, schema=dict.fromkeys([DOUBTFUL, *columns], pl.String))
+    return table.with_columns(marking.get_columns())
 
 
 def results_in(remarks: str | None) -> list[str]:
     """Those findings in a cell of the column `remarks` that are properties of the device."""
     titles = (remarks or "").split(BETWEEN)
     return [kind.title for kind in FINDINGS.values() if kind.is_result and kind.title in titles]
-
-
-def with_those_of_trials(table: pl.DataFrame, findings: RowFindings) -> RowFindings:
-    """Add to the findings about single amplitudes the doubts about the fit to all of a trial: a
-    clipped or late torque concerns everything from the same samples."""
-    fits = [fit_of(row) for row in table.to_dicts()]
-    doubts: dict[object, list[Finding]] = {}
-    for (trial, amplitude_deg), of_row in zip(fits, findings, strict=True):
-        if amplitude_deg is None:
-            doubts[trial] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
-    return [
-        of_row if amplitude_deg is None else [*of_row, *doubts.get(trial, [])]
-        for (trial, amplitude_deg), of_row in zip(fits, findings, strict=True)
-    ]
 
 
 def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:

@@ -74,11 +74,6 @@ class Rule:
     remedy: Texts = ""
     is_of_estimate: bool = False
 
-    def concerns(self, table: str, columns: Collection[str]) -> bool:
-        """Whether the rule is about a table with these columns."""
-        needed = {*self.within, *self.given, *self.without, *filter(None, [self.column])}
-        return (not self.tables or table in self.tables) and needed <= set(columns)
-
     def holds(self, row: Mapping[str, object]) -> bool:
         """Whether a row is within all limits of `within`, and has what it should."""
         sizes = [row.get(column) for column in self.within]

@@ -17,12 +17,12 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
 from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.judge.finding import Finding, Grade
-from osl_analysis.judge.judging import fit_of, rows_by_fit
+from osl_analysis.judge.judging import budgets_of_rows
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.report.paper_tables import stated_text
 from osl_analysis.report.typography import printed, template
 from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
-from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
+from osl_analysis.stats.budget import IN_INTERVAL
 from osl_analysis.stats.rounding import estimate_text
 
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
@@ -199,7 +199,7 @@ def shown_budgets(row: Mapping[str, Any], budget: pl.DataFrame | None) -> list[d
     """The estimates of the fit to all of a trial with their verdicts; the shares of `parts` in the
     squares of their half-widths [percent]; and what nobody has checked would change."""
     shown = []
-    for name, of_name in budgets_in(rows_by_fit(budget).get(fit_of(row), ()), row).items():
+    for name, of_name in budgets_of_rows([row], budget)[0].items():
         squares = {part: of_name.half_width(part) ** 2 for part in IN_INTERVAL}
         total = sum(squares.values()) or 1.0
         known = [each for each in of_name.unknown if each.per]

@@ -93,9 +93,6 @@ class Motion:
         """Columns (n, 3) of Eq. 15."""
         return np.column_stack([self.theta, self.omega, self.alpha])
 
-    def __getitem__(self, rows: slice | NDArray[np.intp]) -> "Motion":
-        return Motion(self.theta[rows], self.omega[rows], self.alpha[rows])
-
 
 # through which a polynomial passes, whose derivatives are those of their middle
 POLYNOMIAL_SAMPLES = 7

@@ -226,7 +226,7 @@ def on_one_grid(
     InputError
         The streams do not overlap, a gap is too long, or no row is usable.
     """
-    leading = [part for part in taken if part.stream.leads]
+    leading = [part for part in taken if part.leads]
     step = min(part.samples.step for part in leading)
     rate = 1 / step
     first, last_to_begin = max((part.samples.times[0], part.stream.name) for part in leading)
@@ -261,7 +261,7 @@ def on_one_grid(
             " {rate: HZ}`",
         )
     for part in taken:
-        if not part.stream.leads:
+        if not part.leads:
             with suppress(InputError):
                 gaps_of(part, time, settings.time_base.longest_gap_s)
                 signals.update(resampled(part.samples, time, step))

@@ -116,11 +116,6 @@ class Stream:
                 "take another time source",
             )
 
-    @property
-    def leads(self) -> bool:
-        """Whether a grid has the time and the rate of these samples, and no row in their gaps."""
-        return not self.signals.keys() <= {*self.beside}
-
 
 class Samples(NamedTuple):
     """Samples of some signals when they were taken."""
@@ -141,6 +136,8 @@ class Taken:
     # rows per value if the log repeats each; None: every row has its own value
     held: float | None = None
     unsure: float = 0.0  # [s] by which held values may be older than assumed
+    # whether a grid has the time and the rate of these samples, and no row in their gaps
+    leads: bool = True
 
     def other(self) -> "Taken":
         """The same samples under the other hypothesis."""
@@ -198,9 +195,10 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     InputError
         As `count_of_device` and `check_countable`.
     """
-    taken = [part for stream in streams for part in take_stream(stream)]
-    leading = [part for part in taken if part.stream.leads]
-    are_several = sum(stream.leads for stream in streams) > 1
+    of_streams = [take_stream(stream) for stream in streams]
+    taken = [part for parts in of_streams for part in parts]
+    leading = [part for part in taken if part.leads]
+    are_several = sum(any(part.leads for part in parts) for parts in of_streams) > 1
     if are_several or len({part.reading.even for part in leading}) > 1:
         for part in leading:
             check_countable(part)
@@ -236,7 +234,8 @@ def take_stream(stream: Stream) -> list[Taken]:
             is_all = len(groups) + len(held) == 1
             name = stream.name if is_all else ", ".join(signals)
             named = replace(stream, name=name, signals=signals)
-            of_rows.append(Taken(named, clock, reading, delay))
+            leads = not signals.keys() <= {*stream.beside}
+            of_rows.append(Taken(named, clock, reading, delay, leads=leads))
     of_held = [
         held_taken(stream, name, values, row_times, clock.step) for name, values in held.items()
     ]
@@ -286,6 +285,7 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
         delay=stated.get("delay", 0.0) + (-low if is_even else step / 2),
         held=held.period,
         unsure=0.0 if is_known else open_s,
+        leads=name not in stream.beside,
     )
 
 

@@ -212,13 +212,16 @@ class Budget:
         limit = max(needed, half)
         faults = self.of_parts("fault")
         weighed = [each for each in faults if each.basis == "weighed"]
-        if probability([each for each in weighed if each.size > limit]) <= LIKELY:
+        # that one of the weighed ones is there, which exclude each other; a bound, of which nothing
+        # tells how likely it is, counts 1
+        if sum(each.probability for each in weighed if each.size > limit) <= LIKELY:
             limit = max(needed, math.hypot(half, self.half_range))
         harmful = [each for each in faults if each.size > limit]
-        if probability(harmful) <= DOUBT:
+        if sum(each.probability for each in harmful) <= DOUBT:
             harmful = weighed
             of_scatter = replace(self, contributions=tuple(self.of_source("repeatability")))
-            if probability(weighed) <= LIKELY or of_scatter.half_width() <= needed:
+            likely = sum(each.probability for each in weighed)
+            if likely <= LIKELY or of_scatter.half_width() <= needed:
                 return Verdict(WIDE if half > needed else CLEAR, limit)
         # a bound weighs as a cause of the probability `DOUBT`: a likelier one is named first
         by_source: dict[str, float] = {}
@@ -229,12 +232,6 @@ class Budget:
         of_source = [each for each in harmful if each.source == source]
         of_source.sort(key=lambda each: -each.probability)
         return Verdict(source, limit, tuple(of_source))
-
-
-def probability(faults: Sequence[Contribution]) -> float:
-    """Sum of the probabilities of faults: that one of them is there, where they exclude each other
-    as those that are weighed do. A bound, of which nothing tells how likely it is, counts 1."""
-    return sum(each.probability for each in faults)
 
 
 def budget_rows(place: Mapping[str, Any], estimates: Mapping[str, Budget]) -> list[dict[str, Any]]:

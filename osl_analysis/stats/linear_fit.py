@@ -164,9 +164,8 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
         )
     X = np.column_stack([*columns.values()])
     A = X.T @ X
-    estimates, inverse = solved(A, X.T @ y)
     varies = [k for k, column in enumerate(X.T) if np.ptp(column)]
-    check_condition(names, varies, A, inverse, CONDITION_LIMIT)
+    estimates, inverse = solved(A, X.T @ y, names, varies, CONDITION_LIMIT)
     residual = y - X @ estimates
     freedom = len(y) - len(names)
     return LinearFit(
@@ -179,28 +178,21 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
     )
 
 
-def solved(A: Array, b: Array) -> tuple[Array, Array]:
+def solved(
+    A: Array,
+    b: Array,
+    names: Sequence[str] = (),
+    varies: Sequence[int] = (),
+    limit: float = np.inf,
+) -> tuple[Array, Array]:
     """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,); also the inverse of
-    A. Directions of A that rounding alone fills are left out."""
-    scaled, sizes = scaled_to_one(A)
-    values, vectors = np.linalg.eigh(scaled)
-    parts = vectors / sizes[:, None]
-    is_known = values > DIRECTION_ROUNDING * values[-1]
-    weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
-    inverse = parts * weights @ parts.T
-    estimates = inverse @ b
-    # one step of refinement takes off what rounding of the inverse has added
-    return estimates + inverse @ (b - A @ estimates), inverse
-
-
-def check_condition(
-    names: Sequence[str], varies: Sequence[int], A: Array, inverse: Array, limit: float
-) -> None:
-    """Refuse p columns that can hardly be told apart, by their normal equations A (p, p) and its
-    inverse.
+    A. Directions of A that rounding alone fills are left out. Columns with names are refused that
+    can hardly be told apart.
 
     Parameters
     ----------
+    A, b
+        Products of the columns with one another, and with what they explain.
     names
         Of the estimates.
     varies
@@ -212,18 +204,31 @@ def check_condition(
     Raises
     ------
     IdentifiabilityError
-        The condition number is above the limit, or a column is 0.
+        The condition number is above the limit, or a column with a name is 0.
     """
+    tiny = np.finfo(float).tiny
+    sizes = np.sqrt(np.maximum(np.diag(A), tiny))
+    values, vectors = np.linalg.eigh(A / np.outer(sizes, sizes))
+    parts = vectors / sizes[:, None]
+    is_known = values > DIRECTION_ROUNDING * values[-1]
+    weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
+    inverse = parts * weights @ parts.T
+    estimates = inverse @ b
+    # one step of refinement takes off what rounding of the inverse has added
+    estimates = estimates + inverse @ (b - A @ estimates)
+    if not names:
+        return estimates, inverse
+
     if not np.diag(A).all():
         raise IdentifiabilityError(
             f"'{names[int(np.argmin(np.diag(A)))]}' cannot be estimated: its column is zero"
             " throughout"
         )
-    values, vectors = np.linalg.eigh(scaled_to_one(A)[0])
     squares = values
-    if len(varies) > 1 and values[0] > DIRECTION_ROUNDING * values[-1]:
-        of_varying = inverse[np.ix_(varies, varies)]
-        squares = np.linalg.eigvalsh(scaled_to_one(np.asarray(np.linalg.inv(of_varying)))[0])
+    if len(varies) > 1 and is_known[0]:
+        of_varying = np.linalg.inv(inverse[np.ix_(varies, varies)])
+        lengths = np.sqrt(np.maximum(np.diag(of_varying), tiny))
+        squares = np.linalg.eigvalsh(of_varying / np.outer(lengths, lengths))
     condition = np.sqrt(squares[-1] / max(squares[0], DIRECTION_ROUNDING * squares[-1]))
     if condition > limit:
         worst = sorted(np.argsort(np.abs(vectors[:, 0]))[-2:])
@@ -233,12 +238,7 @@ def check_condition(
             f" {condition:.3g})",
             "excite more frequencies, lengthen the window or fix one of them",
         )
-
-
-def scaled_to_one(A: Array) -> tuple[Array, Array]:
-    """A symmetric matrix (p, p) with ones on its diagonal, and the roots of its diagonal (p,)."""
-    sizes = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    return A / np.outer(sizes, sizes), sizes
+    return estimates, inverse
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:

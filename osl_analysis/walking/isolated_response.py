@@ -278,7 +278,7 @@ class PerturbationResponse:
 
     @property
     def fitted_motion(self) -> Motion:
-        return self.motion[self.window]
+        return Motion(*self.motion.columns[self.window].T)
 
     @property
     def fitted_torque(self) -> Array:

@@ -17,7 +17,7 @@ from osl_analysis.inference.candidate_models import (
     behind_spring,
     low_passed,
 )
-from osl_analysis.inference.spectra import Spectra, noise_and_band, slipping_springs
+from osl_analysis.inference.spectra import WorkingSpectra, noise_and_band, slipping_springs
 from osl_analysis.inference.weighing import BlockFit, Predicted, largest_shifts, predict, weigh
 from osl_analysis.inference.whitening import Whitened
 
@@ -40,7 +40,7 @@ def whitened(torque_noise: np.ndarray) -> Whitened:
     """A sound joint for as long as the noise."""
     motion = random_motion()[:, : len(torque_noise)]
     theta = motion[0] + 1e-6 * np.random.default_rng(101).normal(size=len(torque_noise))
-    return Whitened(Spectra(BenchSignals(theta, TRUE @ motion + torque_noise, RATE)))
+    return Whitened(WorkingSpectra(BenchSignals(theta, TRUE @ motion + torque_noise, RATE)))
 
 
 def predicted(data: Whitened, rounding: np.ndarray) -> Predicted:
@@ -147,7 +147,7 @@ def test_rounding_is_no_unexplained_torque_even_where_the_motion_takes_it_up():
 
 def test_signals_that_are_too_short_are_refused():
     with refused_with("6 s"):
-        BenchSignals(np.ones(100), np.ones(100), RATE)
+        WorkingSpectra(BenchSignals(np.ones(100), np.ones(100), RATE))
 
 
 @pytest.mark.parametrize(("model", "value", "response"), [

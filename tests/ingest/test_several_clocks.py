@@ -103,7 +103,7 @@ def test_the_error_of_a_fitted_clock_is_one_of_the_torque_s_delay(tmp_path):
     write_pair(tmp_path)
     trial = trial_of_two(tmp_path, "shared", **BOTH["shared"])
 
-    calibration = with_clock_error(CONFIG.dynamometer, trial).calibration
+    calibration = with_clock_error(CONFIG.dynamometer, trial.provenance["clock"]).calibration
 
     assert calibration.delay == trial.provenance["clock"]["residual"] > 0
     assert not calibration.tells_delay

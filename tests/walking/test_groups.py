@@ -163,7 +163,7 @@ def test_a_stiffness_that_changes_linearly_is_read_at_the_fitted_time():
     slope = 1000.0  # [N*m/rad per second]
     torque = mean.torque + slope * time * motion.theta
 
-    K = np.linalg.lstsq(motion[window].columns, torque[window])[0][0]
+    K = np.linalg.lstsq(motion.columns[window], torque[window])[0][0]
 
     change = K - result.ensemble.budgets["K"].value
     assert change == pytest.approx(slope * fitted_time(mean), rel=1e-9)

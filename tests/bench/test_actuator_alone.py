@@ -141,7 +141,7 @@ def test_a_bench_without_a_motion_is_refused():
 UP_AND_DOWN = (0, 2, 4, 6, 8, 10, 12, 10, 8, 6, 4, 2, 0, -2, -4, -6, -8, -6, -4, -2, 0)
 
 
-def staircase(seed, levels=UP_AND_DOWN, friction=0.15, between=0.03, **angle):
+def staircase(seed, levels=UP_AND_DOWN, friction=0.15, between=0.03, rows=250, **angle):
     """A clamped actuator of 0.648 N*m/A whose current goes in steps of a second: torque that
     settles in 10 ms, friction that lags behind the steps, an offset, and an error [N*m] of each
     level."""
@@ -151,12 +151,12 @@ def staircase(seed, levels=UP_AND_DOWN, friction=0.15, between=0.03, **angle):
     lags = np.sign(np.diff(steps, prepend=0.0)) * friction - between * rng.standard_normal(
         len(steps)
     )
-    wanted = np.repeat(steps, n)
+    wanted = np.repeat(steps, rows)
     late = np.exp(-1 / (0.01 * n))
     current = lfilter([1 - late], [1, -late], wanted)
     noise = 0.05 * rng.standard_normal((2, len(wanted)))
     time = np.arange(len(wanted)) / n
-    torque = 0.648 * current - np.repeat(lags, n) + 0.3 + noise[0]
+    torque = 0.648 * current - np.repeat(lags, rows) + 0.3 + noise[0]
     columns = {"time": time, "current": current + noise[1], "torque_m": torque, **angle}
     return Trial("stalled", pl.DataFrame(columns))
 
@@ -170,7 +170,7 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone():
             z.append((fit["k_tau_n_m"] - 0.648) / fit.se("k_tau_n_m"))
         assert 0.3 < np.median(np.abs(z)) < 1.4  # of Student 0.7
     assert abs(fit["k_tau_n_m"] / 0.648 - 1) < 0.02
-    still = actuator_trial(staircase(0, between=0.0), ANALYSIS).whole
+    still = actuator_trial(staircase(0, between=0.0, rows=125), ANALYSIS).whole
     assert still["hysteresis"] == pytest.approx(0.15, abs=0.01)
     row = fit_actuator_trial(staircase(1), DEVICE, ANALYSIS).estimates["actuator"].to_dicts()[0]
     assert row["k_tau_n_m_low"] < 0.648 < row["k_tau_n_m_high"]

@@ -375,11 +375,13 @@ def test_a_gap_before_the_other_stream_begins_does_not_count():
     assert one_time_base([Stream("early", early, {"a": early}), of(TICKS + 5)]).usable.all()
 
 
-@pytest.mark.parametrize(("wait", "one_in"), [(2e-4, (0, 50)), (2e-3, (300, 300))])
-def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
+@pytest.mark.parametrize(("wait", "one_in", "rate"), [
+    (2e-4, (0, 50), RATE), (2e-3, (300, 300), RATE), (1 / 150, (50, 50), 300.0),
+])  # fmt: skip
+def test_regular_losses_behind_a_late_host_are_refused(wait, one_in, rate):
     random = np.random.default_rng(one_in[1] + int(1e6 * wait))
     waiting = tuple(wait if every else 0.0 for every in one_in)
-    nodes = two_nodes(random, waiting, one_in)
+    nodes = two_nodes(random, waiting, one_in, (rate, rate))
 
     with refused_with(r"samples (are|seem to be) missing.*counter"):
         one_time_base(nodes)

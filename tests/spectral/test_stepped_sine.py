@@ -74,6 +74,8 @@ PRACTICES = {
     "other numbers of cycles": Practice(cycles=(5, 10, 15)),
     "another order": Practice(frequencies=(3.0, 1.0, 2.0), amplitudes=(0.1, 0.03)),
     "neighbouring frequencies": Practice(frequencies=(2.0, 2.2, 3.0)),
+    "frequencies as near as 0.15 %": Practice(frequencies=(2.0, 2.003, 3.0), rest_s=0.7),
+    "a clock off by 375 ppm": Practice(clock=1 + 3.75e-4),
     "a clock off by 1000 ppm": Practice(clock=1 + 1e-3),
     "a slow clock": Practice(clock=0.995),
     "a fast clock and rests": Practice(clock=1.005, rest_s=0.5),
@@ -229,6 +231,15 @@ def is_stepped(theta, seed, protocol=SIX):
     noisy = theta + NOISE * white_noise(len(theta), seed)
     moving = moving_bins(noisy, FINE, NOISE)
     return find_sines(noisy, FINE, NOISE, moving, protocol)[1]
+
+
+def test_a_joint_moves_by_eight_noises_and_not_by_one():
+    time = np.arange(0, 10, 1 / FINE)
+    sine = np.where(time < 5, 0, 8 * np.sin(8 * np.pi * time))
+
+    moving = moving_bins(NOISE * (sine + white_noise(len(time), 1)), FINE, NOISE)
+
+    assert np.mean(moving == (time >= 5)) > 0.99
 
 
 SOUND = stepped(SIX, 1.0, (1.0, 1.0, 1.0), FINE)

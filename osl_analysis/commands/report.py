@@ -240,12 +240,13 @@ def drawn_figures(
     absent = {}
     for name, path in figures.items():
         title = figure_title(name)
-        reasons = reasons_not_drawn(name, path.with_suffix(".csv"))
+        numbers = path.with_suffix(".csv")
+        reasons = reasons_not_drawn(name, numbers)
         if reasons:
             absent[title] = "; ".join(reasons)
         else:
             drawing = inline_svg(name, title, path.read_text(encoding="utf-8"))
-            sentences = caption_of(name, read_plotted(name, path.with_suffix(".csv")))
+            sentences = caption_of(name, read_plotted(name, numbers))
             drawn.append({"name": name, "title": title, "caption": sentences, "drawing": drawing})
     return drawn, absent
 

@@ -24,10 +24,6 @@ from osl_analysis.base.units import (
 )
 
 
-def no_readings() -> Array:
-    return np.empty(0)
-
-
 @dataclass(frozen=True)
 class RecordedChannel:
     """One channel as a user is shown it.
@@ -64,7 +60,7 @@ class RecordedChannel:
     rate: float | None = None
     note: str = ""
     likely_unit: str = ""
-    numbers: Array = field(default_factory=no_readings, compare=False, repr=False)
+    numbers: Array = field(kw_only=True, compare=False, repr=False)
     times: Array | None = field(default=None, compare=False, repr=False)
     name: str = ""
     group: str = ""

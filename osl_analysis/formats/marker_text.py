@@ -30,11 +30,10 @@ from osl_analysis.base.trial import AXES
 from osl_analysis.base.units import LengthUnit
 from osl_analysis.formats.text_cells import (
     TextRow,
+    begins_with_text,
     cell_numbers,
     check_last_line,
-    decoded,
     is_number_cell,
-    is_text,
     numbered,
     read_text,
     split_rows,
@@ -227,8 +226,10 @@ def _start(section: Section) -> float:
     return float(time[0])
 
 
-def _begins(begin: bytes) -> bool:
-    return is_text(begin) and decoded(begin).lstrip().casefold().startswith("pathfiletype")
-
-
-FORMAT = Format(name="trc", suffixes=(".trc",), begins=_begins, source=TrcSource, read=read)
+FORMAT = Format(
+    name="trc",
+    suffixes=(".trc",),
+    begins=partial(begins_with_text, r"(?i)\A\s*pathfiletype"),
+    source=TrcSource,
+    read=read,
+)

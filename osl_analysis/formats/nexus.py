@@ -8,6 +8,7 @@ columns only, a header, a row of units, and samples.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import accumulate
 from pathlib import Path
 
@@ -21,12 +22,11 @@ from osl_analysis.base.source_file import Corner, ExportedPlate, LaboratorySourc
 from osl_analysis.formats.marker_text import KINDS, Section, exported_plate
 from osl_analysis.formats.text_cells import (
     TextRow,
+    begins_with_text,
     check_last_line,
     decimal_of,
-    decoded,
     delimiter_of,
     is_number_cell,
-    is_text,
     numbered,
     of_length,
     read_text,
@@ -35,7 +35,7 @@ from osl_analysis.formats.text_cells import (
 )
 
 HEAD_ROWS = 5  # title, rate, names, header, units
-FRAME_HEADER = re.compile(r'(?i)(?:^|[\r\n])"*frame[^\r\n]*sub frame')
+FRAME_HEADER = r'(?i)(?:^|[\r\n])"*frame[^\r\n]*sub frame'
 
 
 class DeviceChannel(ChannelSettings):
@@ -66,7 +66,7 @@ def read_sections(path: Path) -> list[Section]:
     """Read the sections; refused if there is none, or one has no samples."""
     text = read_text(path)
     lines = numbered(text.data)
-    headers = [line for line in lines if FRAME_HEADER.search(line.text)]
+    headers = [line for line in lines if re.search(FRAME_HEADER, line.text)]
     rows = split_rows(lines, delimiter_of(headers[:1]))
     numbers = {line.number for line in headers}
     starts = [place - 3 for place, row in enumerate(rows) if place > 2 and row.number in numbers]
@@ -159,9 +159,10 @@ def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
     }
 
 
-def _begins(begin: bytes) -> bool:
-    """Tell whether the header of a section stands in the beginning."""
-    return is_text(begin) and FRAME_HEADER.search(decoded(begin)) is not None
-
-
-FORMAT = Format(name="nexus_csv", suffixes=(), begins=_begins, source=NexusSource, read=read)
+FORMAT = Format(
+    name="nexus_csv",
+    suffixes=(),
+    begins=partial(begins_with_text, FRAME_HEADER),
+    source=NexusSource,
+    read=read,
+)

@@ -4,6 +4,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -25,7 +26,7 @@ from osl_analysis.base.yaml_settings import misplaced
 from osl_analysis.formats.cell_table import LISTING, SheetSource, recording_of_table
 from osl_analysis.formats.csv_table import table_of_text
 from osl_analysis.formats.marker_text import exported_plate
-from osl_analysis.formats.text_cells import decoded, is_text, read_text
+from osl_analysis.formats.text_cells import begins_with_text, read_text
 
 # what columns measure, by their names
 LIKELY_UNITS = {
@@ -147,15 +148,10 @@ def _check_angles(source: OpenSimSource, angle: str) -> None:
             )
 
 
-def _begins(begin: bytes) -> bool:
-    end_of_header = r"(?im)^[ \t]*endheader[ \t\r]*$"
-    return is_text(begin) and re.search(end_of_header, decoded(begin)) is not None
-
-
 FORMAT = Format(
     name="opensim",
     suffixes=(".mot", ".sto"),
-    begins=_begins,
+    begins=partial(begins_with_text, r"(?im)^[ \t]*endheader[ \t\r]*$"),
     source=OpenSimSource,
     read=read,
 )

@@ -68,14 +68,14 @@ def recognise(path: Path, stated: str = "") -> Format:
     refuse_others(path, formats)
     if not formats:
         raise InputError(
-            f"{path}: of no known format (it begins with {beginning(path)[:10]!r})",
+            f"of no known format (it begins with {beginning(path)[:10]!r})",
             f"export it as one of {', '.join(known_formats())}, or name the recording itself",
         )
     of_name = [one for one in formats if one.name == stated and not one.is_any_text]
     likely = [*of_name, *formats][0]
     if stated not in ("", likely.name):
         raise InputError(
-            f"{path}: is {likely.name}, its source file says {stated}",
+            f"is {likely.name}, its source file says {stated}",
             f"write `format: {likely.name}`, or name another source file or recording in the sheet",
         )
     return likely
@@ -95,9 +95,10 @@ def read(path: Path, source: Any = None) -> Recording:
     InputError
         The file is of no known format, damaged, or not as its source file says.
     """
-    chosen = recognise(path, "" if source is None else source.format)
-    with naming(path), in_one_sentence():
-        return chosen.read(path, source)
+    with naming(path):
+        chosen = recognise(path, "" if source is None else source.format)
+        with in_one_sentence():
+            return chosen.read(path, source)
 
 
 @contextmanager
@@ -195,9 +196,9 @@ def refuse_others(path: Path, formats: Sequence[Format]) -> None:
     begin = beginning(path)
     if not begin:
         raise InputError(
-            f"{path}: the file is empty",
+            "the file is empty",
             "copy or record it again, or exclude the trial in the sheet",
         )
     for name, pattern, remedy in _OTHERS:
         if re.search(pattern, decoded(begin), re.MULTILINE | re.IGNORECASE):
-            raise InputError(f"{path}: {name}, which is not read", remedy)
+            raise InputError(f"{name}, which is not read", remedy)

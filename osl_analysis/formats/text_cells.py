@@ -85,6 +85,11 @@ def decoded(data: bytes) -> str:
     return SPOILED.sub("", text)
 
 
+def begins_with_text(pattern: str, begin: bytes) -> bool:
+    """Tell whether a file that begins so is text in which a pattern stands near its beginning."""
+    return is_text(begin) and re.search(pattern, decoded(begin)) is not None
+
+
 def read_text(path: Path) -> Text:
     """Read the text of a file.
 

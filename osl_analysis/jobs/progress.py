@@ -134,6 +134,7 @@ FOLLOWING = ("Exiting because a job", "At least one job did not", "WorkflowError
 """How messages of Snakemake begin that follow a job's own error."""
 FRAMES = re.compile(r'WorkflowError in file "[^"]+", line \d+:\n(.+)(\n *File ".+)*')
 """An error in a file of the user, and where in our rules it was found."""
+LEAST_SHARE = 0.1  # of a stage's jobs, whose time tells that of the others: the first are slow
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
@@ -221,8 +222,10 @@ class LogHandler(LogHandlerBase):
         if done == total:
             self.print_once(f"{stage} {done}/{total} in {spent_s:.0f} s")
         elif time.monotonic() - self.last_line_s > SHORTEST_WAIT_S:
-            left_s = (total - done) * spent_s / done
-            self.print_once(f"{stage} {done}/{total}, about {left_s:.0f} s left")
+            left = ""
+            if done > LEAST_SHARE * total:
+                left = f", about {(total - done) * spent_s / done:.0f} s left"
+            self.print_once(f"{stage} {done}/{total}{left}")
 
     def print_outcome(self, stage: str, logs: Sequence[str]) -> None:
         """Of what ends the run, its brief. A line on each warning of a job, and on one that was

@@ -83,4 +83,4 @@ def test_an_empty_file_is_named(tmp_path):
     (tmp_path / "a.c3d").touch()
 
     with refused_with(r"a\.c3d:.*file"):
-        recognise(tmp_path / "a.c3d")
+        formats.read(tmp_path / "a.c3d")

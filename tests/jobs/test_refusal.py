@@ -470,6 +470,13 @@ def test_a_line_of_a_stage_tells_the_time_left(monkeypatch, capsys):
     assert of_four.endswith("4/10, about 66 s left")
 
 
+def test_the_first_jobs_of_a_long_stage_do_not_tell_the_time_left(monkeypatch, capsys):
+    *_, of_four, of_five = lines_of_a_stage(40, 5, monkeypatch, capsys)
+
+    assert of_four.endswith("4/40")
+    assert of_five.endswith("5/40, about 385 s left")
+
+
 def test_a_lock_is_one_line(capsys):
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     text = format_exception_to_string(LockException())

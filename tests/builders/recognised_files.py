@@ -9,6 +9,7 @@ from typing import Any
 
 from conftest import said_in_refusal
 
+from osl_analysis.base.errors import naming
 from osl_analysis.base.source_file import Source
 from osl_analysis.formats import known_formats, recognise
 from osl_analysis.ingest.conversion import Converted
@@ -22,7 +23,9 @@ def source_of(name: str, **described: Any) -> Source:
 
 def read_recognised(path: Path, **described: Any) -> Converted:
     """The canonical columns of a file or folder; `described` are the fields of its source file."""
-    return read_converted(path, source_of(recognise(path).name, **described))
+    with naming(path):
+        name = recognise(path).name
+    return read_converted(path, source_of(name, **described))
 
 
 def refusal_by(read: Callable[..., object], path: Path, *given: object, **stated: object) -> str:

@@ -15,7 +15,7 @@ from conftest import ROOT, refused_with
 from recognised_files import refusal_by
 
 from osl_analysis.base.source_file import MarkerSource
-from osl_analysis.formats import known_formats, recognise
+from osl_analysis.formats import known_formats, read, recognise
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.ingest.raw_files import read_source, trial_from_files
 
@@ -79,7 +79,7 @@ BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
 def test_a_file_of_another_format_is_named_whatever_it_is_called(tmp_path, what, content):
     for name in ("log.csv", "log.c3d"):
         (tmp_path / name).write_bytes(content)
-        assert re.search(rf"{name}: .*{what}", refusal_by(recognise, tmp_path / name))
+        assert re.search(rf"{name}: .*{what}", refusal_by(read, tmp_path / name))
 
 
 def test_a_table_is_not_taken_for_another_format_whatever_it_is_called(tmp_path):

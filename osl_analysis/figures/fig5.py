@@ -11,7 +11,6 @@ from itertools import pairwise
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import ScalarFormatter, SymmetricalLogLocator
 
 from osl_analysis.figures import style
 
@@ -108,19 +107,12 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> Non
 
 
 def draw_percents(ax: Axes, placed: pl.DataFrame, most: float) -> None:
-    """By how many percent the stiffness of the trials differs from the desired one, on an axis that
-    is linear within ±10 % and logarithmic beyond."""
+    """By how many percent the stiffness of the trials differs from the desired one."""
     percent = (pl.col(STIFFNESS) / pl.col("K_d") - 1) * 100
     errors = placed.filter(pl.col("K_d") > 0).with_columns(percent)
     for look, trials in style.by_controller(errors):
         style.draw_estimates(ax, trials, "x", "K", look)
     ax.axhline(0, color=style.BLACK)
-    ax.set_yscale("symlog", linthresh=10)
-    ax.yaxis.set_major_locator(SymmetricalLogLocator(ax.yaxis.get_transform(), (1, 3)))
-    ax.yaxis.set_major_formatter(ScalarFormatter())
-    ax.margins(y=0.1)
-    low, high = ax.get_ylim()
-    ax.set_ylim(min(low, -10), max(high, 10))
     ax.set_ylabel("Error (%)")
     draw_axis(ax, "K", placed, most)
 

@@ -64,14 +64,15 @@ def areas(rows: pl.DataFrame, table: pl.DataFrame) -> Array:
 
 
 def amplitude_keys(table: pl.DataFrame) -> list[Line2D]:
-    """The markers of the smallest and of the largest amplitude, where there are several."""
-    known = table.drop_nulls("amplitude_deg").sort("amplitude_deg")
-    ends = known[[0, -1]] if len(known) else known
-    sizes = mpl.rcParams["lines.markersize"] * np.sqrt(areas(ends, table))
-    return [
-        style.key(f"{amplitude:.2g}°", marker="o", color=style.GREY, markersize=size)
-        for amplitude, size in zip(ends["amplitude_deg"], sizes, strict=True)
-    ]
+    """The markers of the smallest and of the largest amplitude of each controller."""
+    keys = []
+    for look, rows in style.by_controller(table.drop_nulls("amplitude_deg")):
+        ends = rows.sort("amplitude_deg")[[0, -1]]
+        sizes = mpl.rcParams["lines.markersize"] * np.sqrt(areas(ends, table))
+        for amplitude, size in zip(ends["amplitude_deg"], sizes, strict=True):
+            shape = {"marker": look.marker, "color": look.colour, "markersize": size}
+            keys.append(style.key(f"{amplitude:.2g}°", **shape))
+    return keys
 
 
 def unexplained(rows: pl.DataFrame) -> Array:

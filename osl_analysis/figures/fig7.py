@@ -147,8 +147,9 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
     if style.has_values(desired, quantity):
         frequency_hz = desired["frequency_hz"]
         ax.plot(frequency_hz, desired[quantity], color=style.BLACK, zorder=1, label="Desired")
-    for look, model in style.by_controller(part.filter(curve=LINEAR_MODEL)):
-        ax.plot(model["frequency_hz"], model[quantity], "--", color=look.colour)
+    for number, (look, model) in enumerate(style.by_controller(part.filter(curve=LINEAR_MODEL))):
+        dashes = (0, (6 / (number + 1), 2))  # the first has the longest, on and off [line widths]
+        ax.plot(model["frequency_hz"], model[quantity], linestyle=dashes, color=look.colour)
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
         style.draw_estimates(ax, observed, "frequency_hz", quantity, look)
     if quantity == "magnitude":

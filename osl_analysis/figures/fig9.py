@@ -15,8 +15,8 @@ from osl_analysis.walking.impedance_fit import ENSEMBLE
 MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`
 # Fits to the mean response: estimator, face and name of a marker
 SHOWN_FITS = (
-    (ENSEMBLE, style.PURPLE, "Fit to the mean response, 95 % interval"),
-    ("ensemble, predicted gait", style.WHITE, "Minus predicted gait"),
+    (ENSEMBLE, style.PURPLE, "Mean response"),
+    ("ensemble, predicted gait", style.WHITE, "Predicted gait"),
 )
 NEXT_GROUP = 3  # distance of the middles of two groups, of which each perturbation is within 0.5
 ONE_PERTURBATION = style.Look(style.GREY, "o", "One perturbation")
@@ -76,7 +76,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) K, (b) B, (c) I, side by side, each with all groups."""
     names = table["group"].unique(maintain_order=True)
     width = style.DOUBLE_COLUMN if len(names) > 1 else style.SINGLE_COLUMN
-    figure, axes = style.panels(width, 3, 1, 3)
+    figure, axes = style.panels(width, 3.5, 1, 3)
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         of_quantity = table.filter(quantity=quantity)
         span = float(np.ptp(of_quantity.filter(estimator=PERTURBATION)["mean"].to_numpy()))

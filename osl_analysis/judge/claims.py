@@ -181,9 +181,11 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
     text = "nearer"
     if not claim.than:
         text = f"within {compared['target'][0]:g} ± {claim.margin:g} {claim.unit}"
-    text += f" in {counts['met']} of {n}"
-    if compared["low"].count():
-        text += f", certainly in {counts['certain']}, certainly not in {counts['missed']}"
+    if n > 1:
+        text += f" in {counts['met']} of {n}"
+    if n > 1 and compared["low"].count():
+        text += f", with the whole interval in {counts['certain']}"
+        text += f", with none of it in {counts['missed']}"
     if n < among:
         text += f"; {among} were to be compared"
     if claim.condition:

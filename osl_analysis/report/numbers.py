@@ -80,15 +80,20 @@ class Number:
     trials: Sequence[str] = ()  # in its rows; empty where the table has none
 
     @property
-    def texts(self) -> list[str]:
-        """The number and the ends of its interval, rounded by this; empty ends where it has none.
-        A range of single values takes no digit off their mean, and is not rounded to 100 %."""
+    def places(self) -> int:
+        """Decimal places, by its interval. A range of single values takes no digit off their mean,
+        and is not rounded to 100 %."""
         places = decimal_places(self.value, self.low, self.high, self.unit)
         if self.kind == RANGE:
             largest = max(self.value, self.high or 0.0, key=abs)
             for number in (self.value, largest):
                 places = max(places, decimal_places(number, unit=self.unit))
-        return to_places(places, self.value, self.low, self.high)
+        return places
+
+    @property
+    def texts(self) -> list[str]:
+        """The number and the ends of its interval; empty ends where it has none."""
+        return to_places(self.places, self.value, self.low, self.high)
 
     @property
     def text(self) -> str:
@@ -99,9 +104,9 @@ class Number:
     @property
     def brief(self) -> str:
         """The number as a sentence has it: ± half of its 95 % interval, and its unit."""
-        value, *ends = self.texts
-        text = value if self.kind == RANGE else plus_minus(value, *ends)
-        return f"{text} {self.unit}"
+        is_range = self.kind == RANGE
+        ends = (None, None) if is_range else (self.low, self.high)
+        return f"{plus_minus(self.places, self.value, *ends)} {self.unit}"
 
     @property
     def kind(self) -> str | None:

@@ -23,7 +23,7 @@ from osl_analysis.judge.recording_checks import BY_JOB, REFUSED, exclusion_text
 from osl_analysis.report.numbers import MOST_IN_SENTENCE, headline_sentences, numbers_in_summary
 from osl_analysis.stats.budget import CLEAR
 from osl_analysis.stats.repeats import DOUBTFUL, counted
-from osl_analysis.stats.rounding import significant
+from osl_analysis.stats.rounding import rounded_up
 
 FLAGGED = "flagged"
 IN_PART = "doubtful in part"
@@ -246,7 +246,7 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
             unit, error, _ = COMPARED[f"{symbol}_error"]
             worst = counted(trials, [symbol]).select(error.max()).item()
             if worst is not None:
-                size = f"within {significant(worst)} {unit}"
+                size = f"within {rounded_up(worst)} {unit}"
                 clauses.append(f"{symbol} {size}" if texts else f"{symbol} is {size} of {symbol}_d")
         if clauses:
             texts.append(", ".join(filter(None, [trials["controller"][0], " and ".join(clauses)])))

@@ -3,6 +3,7 @@
 
 import math
 from collections.abc import Mapping
+from decimal import ROUND_CEILING, Context
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,12 @@ def significant(value: float, digits: int = 2) -> str:
     """Write a number with `digits` significant digits for a sentence: -720 and 0.00012, never
     -7.2e+02."""
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
+
+
+def rounded_up(value: float, digits: int = 2) -> str:
+    """Write a bound with `digits` significant digits: 2.4028 is within 2.5. What differs in the
+    tenth digit is rounding."""
+    return f"{Context(digits, ROUND_CEILING).create_decimal(significant(value, 9)):f}"
 
 
 def decimal_places(
@@ -44,17 +51,15 @@ def to_places(places: int, *numbers: float | None) -> list[str]:
 NOTHING = "–"
 
 
-def plus_minus(value: str, low: str, high: str) -> str:
-    """A number with the ends of its interval, all to the same place, as `300.1 ± 1.4`; with both
-    ends where the number is not in their middle, and alone without them."""
-    if not low or not high:
-        return value
-    half = (float(high) - float(low)) / 2
-    places = len(value.partition(".")[2])
-    beside = float(value) - float(low) - half
-    if abs(round(beside, places)) > 10**-places:  # more than rounding makes of a middle
-        return f"{value} ({low} to {high})"
-    return f"{value} ± {half:.{places}f}"
+def plus_minus(places: int, value: float, low: float | None, high: float | None) -> str:
+    """A number with half of its interval, both with so many decimal places, as `300.1 ± 1.4`; with
+    both ends where the number is not in their middle, and alone without them."""
+    if low is None or high is None:
+        return f"{value:z.{places}f}"
+    half = (high - low) / 2
+    if abs(value - low - half) > 10**-places:
+        return "{} ({} to {})".format(*to_places(places, value, low, high))
+    return f"{value:z.{places}f} ± {half:.{places}f}"
 
 
 class WithInterval(str):
@@ -69,11 +74,12 @@ def written(
     """A number as `300.1 (298.7 to 301.6)`, or a dash for none."""
     if value is None:
         return NOTHING
-    parts = to_places(decimal_places(value, low, high, unit), value, low, high)
+    places = decimal_places(value, low, high, unit)
+    parts = to_places(places, value, low, high)
     if not all(parts):
         return parts[0]
     text = WithInterval("{} ({} to {})".format(*parts))
-    text.plus_minus = plus_minus(*parts)
+    text.plus_minus = plus_minus(places, value, low, high)
     return text
 
 

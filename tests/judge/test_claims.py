@@ -107,7 +107,7 @@ def test_a_verdict_over_conditions_rests_on_the_interval_of_each(conditions, ver
     n = len(conditions)
     assert (row["verdict"], row["n"]) == (verdict, n)
     assert f"nearer in {n_better} of {n}," in row["quantity"]
-    assert row["quantity"].endswith(f"certainly not in {conditions.count(WORSE)}")
+    assert row["quantity"].endswith(f"with none of it in {conditions.count(WORSE)}")
 
 
 def test_a_pair_is_nearer_only_by_more_than_the_margin():

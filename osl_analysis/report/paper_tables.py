@@ -35,8 +35,8 @@ LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
 DAGGER = (
-    "†: doubtful. A number is of trials that are not doubtful; where all are, there is none. The"
-    " number of a group of crossings is of all of them, and doubtful itself."
+    "†: doubtful. Numbers are of the trials that are not doubtful; a condition whose trials are all"
+    " doubtful has none. The number of a group of crossings is of all of its crossings."
 )
 
 

@@ -465,9 +465,15 @@ def lines_of_a_stage(total, ended, monkeypatch, capsys):
 
 
 def test_a_line_of_a_stage_tells_the_time_left(monkeypatch, capsys):
-    of_four = lines_of_a_stage(10, 4, monkeypatch, capsys)[-1]
+    of_six = lines_of_a_stage(10, 6, monkeypatch, capsys)[-1]
 
-    assert of_four.endswith("4/10, about 66 s left")
+    assert of_six.endswith("6/10, about 44 s left")
+
+
+def test_no_time_left_is_told_before_half_of_a_stage(monkeypatch, capsys):
+    of_five = lines_of_a_stage(10, 5, monkeypatch, capsys)[-1]
+
+    assert of_five.endswith("5/10")
 
 
 def test_the_first_jobs_of_a_long_stage_do_not_tell_the_time_left(monkeypatch, capsys):

@@ -37,7 +37,7 @@ async function show() {
 
 function sort(head) {
   const sign = (head.dataset.sign = head.dataset.sign === "1" ? "-1" : "1"), body = head.closest("table").tBodies[0];
-  const text = (row) => row.cells[head.cellIndex].textContent.trim().replace("−", "-");
+  const text = (row) => row.cells[head.cellIndex].innerText.trim().replace("−", "-");
   const order = (a, b) => {
     const [x, y] = [parseFloat(a), parseFloat(b)];
     return isNaN(x) || isNaN(y) ? isNaN(x) - isNaN(y) || a.localeCompare(b) : x - y;

@@ -307,6 +307,17 @@ def test_the_answer_counts_the_pairs_in_which_compensation_is_nearer():
     assert answer({"impedance": SOUND.with_columns(K_d=pl.lit(None, pl.Float64))}) == ""
 
 
+def test_the_answer_is_a_bound_that_no_trial_exceeds():
+    fits = SOUND.with_columns(K=pl.col("K_d") * 1.02401, B=pl.col("B_d") + 0.31)
+
+    assert "K is within 2.5 % of K_d and B is within 0.31 N*m*s/rad" in answer({"impedance": fits})
+
+
+def test_half_of_an_interval_is_of_its_own_ends_and_not_of_rounded_ones():
+    assert written(0.4952, 0.3672, 0.6232).plus_minus == "0.50 ± 0.13"
+    assert written(0.5044, 0.3756, 0.6236).plus_minus == "0.50 ± 0.12"
+
+
 @pytest.mark.parametrize(
     ("doubted", "told"), [("K", "PD 1, B is within"), ("B", "PD 1, K is within"), ("K, B", None)]
 )

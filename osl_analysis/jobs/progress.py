@@ -134,7 +134,7 @@ FOLLOWING = ("Exiting because a job", "At least one job did not", "WorkflowError
 """How messages of Snakemake begin that follow a job's own error."""
 FRAMES = re.compile(r'WorkflowError in file "[^"]+", line \d+:\n(.+)(\n *File ".+)*')
 """An error in a file of the user, and where in our rules it was found."""
-LEAST_SHARE = 0.5  # of a stage's jobs, from which time left is told: the first are slower than others
+LEAST_SHARE = 0.5  # of a stage's jobs, from which time left is told: the first are slower
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 

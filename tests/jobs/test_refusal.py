@@ -476,13 +476,6 @@ def test_no_time_left_is_told_before_half_of_a_stage(monkeypatch, capsys):
     assert of_five.endswith("5/10")
 
 
-def test_the_first_jobs_of_a_long_stage_do_not_tell_the_time_left(monkeypatch, capsys):
-    *_, of_four, of_five = lines_of_a_stage(40, 5, monkeypatch, capsys)
-
-    assert of_four.endswith("4/40")
-    assert of_five.endswith("5/40, about 385 s left")
-
-
 def test_a_lock_is_one_line(capsys):
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     text = format_exception_to_string(LockException())

@@ -41,6 +41,7 @@ from osl_analysis.inference.spectra import (
     solve_scaled,
 )
 from osl_analysis.inference.whitening import Whitened
+from osl_analysis.stats.linear_fit import FALSE_ALARM
 
 # Share of recordings without a fault that matters; before 1.0: 0.9, 0.98, 0.995 accuse 1, 1, 0 of
 # 159 sound files; of 239 faults 22, 25, 26 are silent
@@ -325,9 +326,6 @@ def largest_shifts(
     return np.sqrt(unexplained * np.diag(np.linalg.inv(own @ own.T)))
 
 
-SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: once in 700 times
-
-
 @dataclass(frozen=True)
 class Alternative:
     """A candidate model that may be why the torque is not that of Eq. 15 alone."""
@@ -419,7 +417,7 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
 def is_explained_by_eq15(plain: Search) -> bool:
     """Whether the columns of all candidate models together explain no more than chance would.
 
-    By chance k columns gain k/2 of log-likelihood, with a standard deviation of the root of that.
+    By chance twice the log-likelihood that k columns gain is a chi-square of k degrees of freedom.
     One fit then does for those of all candidate models. B and I of Eq. 15 alone must be positive:
     otherwise a path may explain them although it gains nothing.
     """
@@ -427,6 +425,5 @@ def is_explained_by_eq15(plain: Search) -> bool:
     if not plain.is_body or noise >= MOST_NOISE:
         return False
     columns = plain.data.rich
-    gain = (plain.left - plain.fit(columns)[0]) / 2 / noise
-    by_chance = len(columns) / 2
-    return bool(gain < by_chance + SCREEN_DEVIATIONS * np.sqrt(by_chance))
+    gain = (plain.left - plain.fit(columns)[0]) / noise
+    return bool(gain < scipy.special.chdtri(len(columns), FALSE_ALARM))

@@ -58,6 +58,15 @@ def test_the_period_on_a_wrong_clock_is_found_to_less_than_a_millionth(ppm):
     assert abs(error_ppm) < 1
 
 
+def test_noise_of_a_sixth_of_a_motion_hides_no_period():
+    theta = multisine(1, 6)
+
+    motion = motion_of(theta + 0.17 * np.std(theta) * white_noise(len(theta), 2))
+
+    assert motion is not None
+    assert motion.period == pytest.approx(PERIOD, rel=1e-3)
+
+
 T = np.arange(round(40 * RATE)) / RATE
 WITHOUT_PERIOD = {
     "chirp": np.sin(np.pi * 0.1 * T**2),

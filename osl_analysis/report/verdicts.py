@@ -168,11 +168,11 @@ def verdict_counts(
 
 
 def verdicts_sentence(counts: Mapping[str, int], results: Mapping[str, int]) -> str:
-    """`9 trials, 3 doubtful, none refused; 4 of them show friction.`"""
+    """`9 trials, 3 doubtful, none refused; friction in 4 of them.`"""
     total = sum(counts.values())
     others = [f"{n} {verdict}" for verdict, n in counts.items() if n and verdict != CLEAR]
     text = ", ".join([f"{total} trial{'s' if total != 1 else ''}", *(others or ["none doubtful"])])
-    shown = [f"{n} of them {'shows' if n == 1 else 'show'} {cause}" for cause, n in results.items()]
+    shown = [f"{cause} in {n} of them" for cause, n in results.items()]
     return "; ".join([text, *shown]) + "."
 
 

@@ -119,7 +119,7 @@ def simulate_planned_trial(
     optional_module("numba", "the simulator")  # planning, which imports this module, needs none
     p = read_parameters(settings.parameters)
     # the truth first, so that every log has one
-    if row["experiment"] == "actuator" or EXPERIMENTS[row["experiment"]].log == "dynamometer":
+    if EXPERIMENTS[row["experiment"]].place == "bench":
         from osl_analysis.simulator import bench_trial, recorder
 
         log, truth = bench_trial.simulate_bench_trial(row, settings, p)

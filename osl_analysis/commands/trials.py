@@ -97,7 +97,7 @@ def overview_facts(overview: Overview) -> dict[str, Any]:
     ]
     return {
         "format": overview.format,
-        "facts": dict(overview.facts),
+        "facts": overview.facts,
         "channels": channels,
         "remarks": [*overview.remarks, *overview.open],
     }

@@ -209,6 +209,15 @@ def test_without_the_angle_of_its_shaft_known_gains_make_a_leg():
     assert is_leg(record, None, is_of_gains=True)
 
 
+@pytest.mark.parametrize(("share", "is_one"), [(0.07, True), (0.03, False)])
+def test_a_joint_whose_motor_turns_a_twentieth_as_far_is_a_leg(share, is_one):
+    record = record_of_leg(leg())
+
+    turning = replace(record, actuator={"theta_m": share * record.motion.theta})
+
+    assert is_leg(turning, None, is_of_gains=False) == is_one
+
+
 def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():
     trial = leg()
     turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))

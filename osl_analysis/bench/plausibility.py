@@ -13,7 +13,9 @@ from osl_analysis.base.measured import check_measured
 from osl_analysis.base.source_file import COMPUTED
 from osl_analysis.base.trial import Array, Trial
 from osl_analysis.bench.bench_settings import BenchStiffness
+from osl_analysis.ingest.guard import recorded
 from osl_analysis.model.drivetrain import DrivetrainParameters
+from osl_analysis.signals.agreement import turns
 from osl_analysis.signals.grid import origin
 
 TURN_TORQUE = Change(
@@ -54,14 +56,17 @@ def speed_alone(trial: Trial) -> pl.Expr:
 
 def gear_told(trial: Trial, p: DrivetrainParameters | None) -> list[pl.Expr]:
     """The columns `gear`, by how much farther the motor's side turns, in words, and `gear_ratio`,
-    that over the nearest stated ratio, null without one. Of a belt whose stiffness is known both
-    are null: `K_s_ratio` then tells a wrong angle."""
+    that over the nearest stated ratio, as far as the stiffness of a drive that yields, if it is
+    stated, does not explain it; null without one."""
     words = ratio = None
-    if p is None or np.isnan(p.K_s):
-        for motor, factor in origin(trial, "theta").get("gears", {}).items():
-            words = f"{motor} turns {factor:.4g} times as far as theta"
-            stated = factor / np.array([p.n_T, p.n_m, p.n_T * p.n_m]) if p else np.empty(0)
-            ratio = min(stated[stated > 0], key=lambda over: abs(np.log(over)), default=None)
+    for motor, factor in origin(trial, "theta").get("gears", {}).items():
+        words = f"{motor} turns {factor:.4g} times as far as theta"
+        stated = factor / np.array([p.n_T, p.n_m, p.n_T * p.n_m]) if p else np.empty(0)
+        ratio = min(stated[stated > 0], key=lambda over: abs(np.log(over)), default=None)
+        if p and ratio and p.K_s > 0:
+            turned, torque = (turns(*recorded(trial, name), False) for name in ("theta", "torque"))
+            yields = torque.std() / (p.K_s * turned.std())
+            ratio /= np.clip(ratio, 1 - yields, 1 + yields)
     return [
         pl.lit(words, pl.String).alias("gear"),
         pl.lit(ratio, pl.Float64).alias("gear_ratio"),

@@ -30,7 +30,7 @@ TORQUE = re.compile(
     r"|(?i:(ft|in|foot|inch)[*·_. -]?(lb|oz)[fs]?|(lb|oz)[fs]?[*·_."
     r" -]?(ft|in|foot|inch)))(?![A-Za-z])"
 )
-TICKS = re.compile(r"(\d+)\*?([mun]?s|[mu]?secs?)")
+TICKS = re.compile(r"(\d+(?:\.\d+)?)\*?([mun]?s|[mu]?secs?)")
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
     r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?"

@@ -38,7 +38,7 @@ MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_BACK = 0.1  # share of the steps of a clock that may go back
 # what a text says of a counter without a unit
 INTERVALS = r"(?i)interval|^dt|delta|period|since"  # in the name of a column of them
-TICK = re.compile(r"(?i)\bticks?\b\D*(\d+) ?([nuµm]?s)\b")
+TICK = re.compile(r"(?i)\b(?:ticks?|resolution)\b\D*(\d+(?:\.\d+)?) ?([nuµm]?s)\b")
 
 
 @np.errstate(all="ignore")  # values of a damaged file may be of any size
@@ -246,7 +246,7 @@ def drafted_time(
     recording: Recording, channels: Sequence[RecordedChannel], key: str
 ) -> tuple[dict[str, object], RecordedChannel | None, list[str]]:
     """The field `time` of a draft, the clock if it is a channel, and questions. A rate in the text
-    of the file counts where nothing may be a clock."""
+    of the file counts where nothing may be a clock, or its stamps stand still."""
     clock, question = choose_clock(channels)
     intervals = [channel for channel in channels if are_intervals(channel)]
     time: dict[str, object] = {}
@@ -254,17 +254,20 @@ def drafted_time(
         question = f"time is a guess: the sum of the intervals in {printable(intervals[0].key)}"
         clock = replace(intervals[0], numbers=np.cumsum(intervals[0].numbers))
         time["each"] = "interval"
-    if clock is None:
+    questions = [question] if question else []
+    if clock is None or not np.ptp(clock.readings):
         rate = None if question else stated_rate(recording.notes)
+        if clock is not None:
+            questions.append(f"the stamps in {printable(clock.key)} stand still")
         if rate is not None:
-            question = f"time by the file's own words: {rate} rows a second"
-            return {"rate": rate}, None, [question]
-        return {key: NAME_OF_TIME, "unit": UNKNOWN}, None, [question] if question else []
+            questions.append(f"time by the file's own words: {rate:g} rows a second")
+            return {"rate": rate}, None, questions
+        return {key: NAME_OF_TIME, "unit": UNKNOWN}, None, questions
     clock = as_clock(clock, recording.notes)
     time[key] = clock.key
     if not clock.is_stamp:
         time["unit"] = clock.spelled_unit or UNKNOWN
-    return time, clock, [question] if question else []
+    return time, clock, questions
 
 
 def are_intervals(channel: RecordedChannel) -> bool:
@@ -277,7 +280,8 @@ def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
     """A channel as the clock of its table, with its rate and gaps as note and its likely unit: one
     that the file's text tells, as `tick of 10 us`, or that of its name or rate."""
     if not channel.spelled_unit:
-        ticks = filter(None, map(TICK.search, notes))
+        is_counter = (channel.readings == np.rint(channel.readings)).all()
+        ticks = filter(None, map(TICK.search, notes if is_counter else []))
         told = next((f"{tick[1]} {tick[2]}" for tick in ticks), "")
         channel = replace(channel, likely_unit=told or time_unit(channel.readings))
     factor, _ = channel.base

@@ -224,12 +224,17 @@ def _head_of(
     texts = [" ".join(filter(None, row.cells)) for row in above]
     lists: list[list[str]] = []
     decimals = re.compile(r"[+-]?\d+[.,]\d\S*")  # `Delta_X,0.004` and the like are no names
-    candidates = [
-        row.cells
+    rows = [
+        row
         for row, text in zip(above, texts, strict=True)
         if not (STATED_ROWS.match(text) or any(map(decimals.fullmatch, row.cells)))
     ]
-    for cells in reversed(candidates[-MOST_HEADERS:]):
+    candidates = [row.cells for row in rows]
+    below = above[-1].number + 1 if above else 0
+    for number, cells in reversed(rows[-MOST_HEADERS:]):
+        if lists and number + 1 < below and not _are_units(lists[0]):  # above a blank line
+            break
+        below = number
         filled = sum(map(bool, cells))
         is_wide = filled >= width / 2 and len(unpadded(cells)) <= width + 1
         is_aligned = lists and len(unpadded(cells)) == width

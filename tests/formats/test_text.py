@@ -172,6 +172,8 @@ NUMBERS = [f"{k / 100},{k % 7},{k % 5}" for k in range(40)]
      ["Time", "Angle", "Torque"], ["s", "deg", "Nm"]),
     (["CH1,angle,20deg", "CH2,torque,50Nm", "No.,CH1 angle,CH2 torque", ",deg,Nm"],
      ["No.", "CH1 angle", "CH2 torque"], ["", "deg", "Nm"]),
+    (["Device,Bench 2", "Clock,ESP32,us", "", "Interval,Encoder,Torque", "us,deg,Nm"],
+     ["Interval", "Encoder", "Torque"], ["us", "deg", "Nm"]),
     (["Model,DLM4058", "TraceName,ANGLE,TORQUE", "VUnit,V,V", "Time,09:15:41.25,09:15:41.25"],
      ["1", "ANGLE", "TORQUE"], ["", "V", "V"]),
 ])  # fmt: skip

@@ -62,6 +62,9 @@ TEXTS = {
     "ticks in a name": text(head=["t_100us", "angle:deg", "Torque_mNm"],
     t=[f"{1e4 * x:.0f}" for x in TIME], m=[
         f"{1e3 * x:.6f}" for x in TORQUE]),
+    "ticks of the header's resolution": text(",", ["ticks", *HEAD[1:]],
+    "# timer: 16 bit, resolution: 0.5 us\n", t=[f"{2e6 * x % 2**16:.0f}" for x in TIME]),
+    "stamps that stand still": text(above="Abtastrate: 500 Hz\n\n", t=["0.000"] * ROWS),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
     "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
 }  # fmt: skip

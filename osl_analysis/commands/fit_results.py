@@ -283,10 +283,10 @@ class Fit:
         of_trial = self.series.with_columns(trial=pl.lit(self.trial))
         return drawn("fig4", completed("fig4", of_trial))
 
-    def sentences(self, *grades: Grade) -> list[str]:
-        """The findings of some grades about the fit to all data, in words."""
+    def sentences(self, grade: Grade) -> list[str]:
+        """The findings of a grade about the fit to all data, in words."""
         of_whole = self.findings[-1] if self.findings else ()
-        return [finding_text(finding) for finding in of_whole if finding.grade in grades]
+        return [finding_text(finding) for finding in of_whole if finding.grade is grade]
 
     def __getattr__(self, name: str) -> Any:
         """A column of the table, of the fit to all data, or its `NAME_interval`."""

@@ -83,7 +83,6 @@ def simulate_walking(
     offset, drift = clock
     platform = walked.platform
     facts = {
-        "perturbed": platform.onset is not None,
         "heel_strike_s": step.heel_strike,
         "toe_off_s": step.toe_off,
         "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),

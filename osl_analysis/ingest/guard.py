@@ -119,7 +119,8 @@ def rows_of_current(time: Array, torque: Array, signals: Mapping[str, Array], an
     current = signals["current"]
     still = np.zeros_like(torque)
     turned = signals.get(angle, still)
-    rows = max(int(LIMITS.averaged_s / usual_step(time)), 1)
+    step_s = usual_step(time) or LIMITS.averaged_s  # equal stamps, which the time base refuses
+    rows = max(int(LIMITS.averaged_s / step_s), 1)
     speed = np.gradient(scipy.ndimage.uniform_filter1d(turned, rows))
     if not turned.any():
         speed = signals.get("omega_m", still)

@@ -70,8 +70,8 @@ def amplitude_keys(table: pl.DataFrame) -> list[Line2D]:
         ends = rows.sort("amplitude_deg")[[0, -1]]
         sizes = mpl.rcParams["lines.markersize"] * np.sqrt(areas(ends, table))
         for amplitude, size in zip(ends["amplitude_deg"], sizes, strict=True):
-            shape = {"marker": look.marker, "color": look.colour, "markersize": size}
-            keys.append(style.key(f"{amplitude:.2g}°", **shape))
+            label = f"{amplitude:.2g}°"
+            keys.append(style.key(label, marker=look.marker, color=look.colour, ms=size))
     return keys
 
 

@@ -183,9 +183,10 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
         text = f"within {compared['target'][0]:g} ± {claim.margin:g} {claim.unit}"
     if n > 1:
         text += f" in {counts['met']} of {n}"
-    if n > 1 and compared["low"].count():
-        text += f", with the whole interval in {counts['certain']}"
-        text += f", with none of it in {counts['missed']}"
+        if compared["low"].count():
+            text += ", with the whole interval in {certain}, with none of it in {missed}".format(
+                **counts
+            )
     if n < among:
         text += f"; {among} were to be compared"
     if claim.condition:

@@ -102,6 +102,12 @@ def test_refuses_stamps_and_records_without_a_rate_or_a_slope(refused, says):
         refused()
 
 
+def test_six_samples_tell_the_slope_of_a_quintic():
+    time = TIME[:6]
+
+    assert differentiate(time, time**5).omega == pytest.approx(5 * time**4, abs=1e-12)
+
+
 def test_runs_are_the_stretches_of_true_samples_and_the_longest_of_them():
     mask = np.array([1, 1, 0, 0, 1, 1, 1, 0, 1], dtype=bool)
 

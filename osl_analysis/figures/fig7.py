@@ -135,8 +135,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         ax.set_ylabel(LABELS[quantity])
 
     keys = [*style.estimate_keys(axes, observed), *style.labelled(axes, Line2D)]
-    if len(table.filter(curve=LINEAR_MODEL)):
-        keys.append(style.key("Linear model", color=style.GREY, linestyle="--"))
     style.legend_above(figure, keys)
     return figure
 
@@ -149,7 +147,8 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
         ax.plot(frequency_hz, desired[quantity], color=style.BLACK, zorder=1, label="Desired")
     for number, (look, model) in enumerate(style.by_controller(part.filter(curve=LINEAR_MODEL))):
         dashes = (0, (6 / (number + 1), 2))  # the first has the longest, on and off [line widths]
-        ax.plot(model["frequency_hz"], model[quantity], linestyle=dashes, color=look.colour)
+        label = f"Linear model, {look.label}"
+        ax.plot(model["frequency_hz"], model[quantity], ls=dashes, color=look.colour, label=label)
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
         style.draw_estimates(ax, observed, "frequency_hz", quantity, look)
     if quantity == "magnitude":

@@ -538,7 +538,7 @@ CAUSES = [
         "backlash, no hysteresis",
         backlash,
         0.1 * DEG,
-        ("backlash", "backlash, speed or direction", "spring that is not linear", *FRICTION),
+        ("backlash", "backlash, speed or direction", "K that changes with amplitude", *FRICTION),
         "rad",
     ),
     Cause(
@@ -561,14 +561,14 @@ CAUSES = [
         "hardening spring",
         hardening_spring,
         2200.0,
-        ("spring that is not linear",),
+        ("K that changes with amplitude",),
         "N*m/rad^3",
     ),
     Cause(
         "hardening spring, slow noise",
         hardening_spring,
         2200.0,
-        ("spring that is not linear",),
+        ("K that changes with amplitude",),
         "N*m/rad^3",
         recorder=SLOW,
     ),
@@ -576,7 +576,7 @@ CAUSES = [
         "clipped torque",
         clipped,
         0.3,
-        ("clipped signal", "spring that is not linear"),
+        ("clipped signal", "K that changes with amplitude"),
         "of the range",
     ),
     Cause(
@@ -590,7 +590,7 @@ CAUSES = [
         "K by direction",
         stiffness_by_direction,
         0.3,
-        ("backlash, speed or direction", "spring that is not linear"),
+        ("backlash, speed or direction", "K that changes with amplitude"),
         "of K",
     ),
     Cause(

@@ -279,9 +279,9 @@ def check_time(name: str, time: Array) -> None:
         row = np.argmax(goes_back)
         raise InputError(
             f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1}",
-            "delete rows that stand twice, sort rows that changed places by time, and where the"
-            " recorder's clock was set back, cut the log or take another time source in the"
-            " source file",
+            "write `each: interval` if each is the time since the row before; delete rows that"
+            " stand twice, sort rows that changed places by time, and where the recorder's clock"
+            " was set back, cut the log or take another time source in the source file",
         )
 
 

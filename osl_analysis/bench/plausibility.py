@@ -60,7 +60,7 @@ def gear_told(trial: Trial, p: DrivetrainParameters | None) -> list[pl.Expr]:
     stated, does not explain it; null without one."""
     words = ratio = None
     for motor, factor in origin(trial, "theta").get("gears", {}).items():
-        words = f"{motor} turns {factor:.4g} times as far as theta"
+        words = f"while theta turns once, {motor} turns {factor:.4g} times"
         stated = factor / np.array([p.n_T, p.n_m, p.n_T * p.n_m]) if p else np.empty(0)
         ratio = min(stated[stated > 0], key=lambda over: abs(np.log(over)), default=None)
         if p and ratio and p.K_s > 0:

@@ -355,9 +355,7 @@ def _remark_on_widths(
                 " begins",
                 f"cut the file before line {odd[0].number}, and give each part a row of the sheet",
             )
-        raise InputError(
-            what, "write a name for each, one sign between names and cells, or repair these lines"
-        )
+        raise InputError(what, "repair these lines: a cell for each name")
     return what
 
 

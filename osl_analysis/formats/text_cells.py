@@ -211,8 +211,9 @@ def is_value(cell: str) -> bool:
 
 def name_and_unit(title: str) -> tuple[str, str]:
     """Split `torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` into name and unit; the
-    unit is empty if there is none. The index of `q[5]` is none."""
-    if re.search(r"\w\[\d+\]$", title):
+    unit is empty if there is none. The index of `q[5]` is none, nor the joint of a topic's
+    `/states/effort[ankle]`."""
+    if re.search(r"(\w\[\d+|^/.*\w\[\w+)\]$", title):
         return title, ""
     in_brackets = r"\[[^\[\]]*\]|\([^()]*\)|\{[^{}]*\}"
     match = re.fullmatch(rf"(.*\S)\s*({in_brackets})|(.*\S)\s+/\s+(\S.*)", title, re.DOTALL)

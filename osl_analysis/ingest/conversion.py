@@ -186,7 +186,7 @@ def canonical_columns(
             what_lacks[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps
             known &= ~leaps
             numbers[leaps] = np.nan
-        what_lacks["is missing"] = missing
+        what_lacks["has no number"] = missing
         for what, lacks in what_lacks.items():
             if lacks.any():
                 remarks.append(f"{setting.title} {what} in {rows.counted(lacks)}")
@@ -325,5 +325,5 @@ def fresh_rows(
     share = MOST_DAMAGED if skips else LIMITS.largest_stale_share
     if not 0 < is_stale.sum() <= share * stamps.size:
         return np.arange(stamps.size), []
-    left_out = f"rows with a stamp of another time were left out: {rows.counted(is_stale)}"
+    left_out = f"rows with a stamp of another time are left out: {rows.counted(is_stale)}"
     return np.flatnonzero(~is_stale), [left_out]

@@ -12,7 +12,7 @@ import polars as pl
 import scipy
 
 from osl_analysis.base.errors import Change, InputError
-from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, usual_step, varies
+from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, varies
 from osl_analysis.base.trial import Array, Trial, unit_of
 from osl_analysis.base.units import si_factor
 from osl_analysis.ingest import LIMITS
@@ -96,20 +96,22 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
 
 def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) -> Array:
     """Sums over a short time of a torque (n,), and of what a formula may hold: powers of signals
-    (n,), the speed of an angle, and friction that a drive takes off by its speed and current. An
-    inertia is left: a simulated joint without noise is no circle."""
+    (n,), and the speed of an angle. An inertia is left: a simulated joint without noise is no
+    circle."""
     columns = [torque, np.ones_like(torque)]
     for name, values in signals.items():
         columns += accumulate([values] * LIMITS.highest_power, np.multiply)
-        if name == "omega_m":
-            columns += [np.sign(values), np.sign(values) * abs(signals.get("current", 0.0))]
-        elif name != "current":
+        if name not in ("current", "omega_m"):
             columns.append(np.gradient(values, time))
     # a formula still holds for sums, and rounding of an angle hardly makes speed
-    group = max(time.size // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
-    begins = np.arange(0, time.size, group)
+    begins = np.arange(0, time.size, rows_averaged(time))
     sums = np.array([np.add.reduceat(column, begins) for column in columns])
     return sums[:, :-1]  # the last is shorter, so that a constant torque would vary
+
+
+def rows_averaged(time: Array) -> int:
+    """How many rows of times (n,) [s] are averaged."""
+    return max(time.size // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
 
 
 def rows_of_current(time: Array, torque: Array, signals: Mapping[str, Array], angle: str) -> Array:
@@ -117,20 +119,18 @@ def rows_of_current(time: Array, torque: Array, signals: Mapping[str, Array], an
     well: its arm changes with the angle, and friction has the way of the motion. How it sets in
     from rest, as a sign, a tanh or Stribeck's curve, then does not matter."""
     current = signals["current"]
-    still = np.zeros_like(torque)
-    turned = signals.get(angle, still)
-    step_s = usual_step(time) or LIMITS.averaged_s  # equal stamps, which the time base refuses
-    rows = max(int(LIMITS.averaged_s / step_s), 1)
-    speed = np.gradient(scipy.ndimage.uniform_filter1d(turned, rows))
-    if not turned.any():
-        speed = signals.get("omega_m", still)
-    moves = np.abs(speed) >= LIMITS.moves_well * np.sqrt(np.mean(speed**2))
-    way = np.sign(speed)
-    arms = [current, current * turned, current * turned**2]
-    friction = [way, way * abs(current), speed]
-    columns = np.array([torque, np.ones_like(torque), *arms, *friction])
+    turned = signals.get(angle, np.zeros_like(torque))
+    speeds = [signals["omega_m"]] if "omega_m" in signals else []
+    if angle in signals:
+        speeds.append(np.gradient(scipy.ndimage.uniform_filter1d(turned, rows_averaged(time))))
+    columns = [torque, np.ones_like(torque), current, current * turned, current * turned**2]
+    moves = np.ones(torque.size, dtype=bool)
+    for speed in speeds:
+        moves &= np.abs(speed) >= LIMITS.moves_well * np.sqrt(np.mean(speed**2))
+        way = np.sign(speed)
+        columns += [way, way * abs(current), speed]
     step = max(np.count_nonzero(moves) // LIMITS.rows_of_filter, 1)
-    return columns[:, moves][:, ::step]
+    return np.array(columns)[:, moves][:, ::step]
 
 
 def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:

@@ -140,4 +140,7 @@ def test_how_far_the_motor_turns_is_held_against_what_ratio_and_belt_let_expect(
 
     told_of_gear = pl.select(*gear_told(trial, p)).row(0)
 
-    assert told_of_gear == ("m turns 40 times as far as theta", pytest.approx(ratio, abs=1e-3))
+    assert told_of_gear == (
+        "while theta turns once, m turns 40 times",
+        pytest.approx(ratio, abs=1e-3),
+    )

@@ -135,7 +135,6 @@ def with_derivatives(theta: Array, rate_hz: float) -> JointMotion:
 def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator) -> Array:
     """The angle at full size over its RMS, at times (n,) [s]; it goes on through the fades."""
     low, high = excitation.band_hz
-    steps = np.floor(time / excitation.clock_s).astype(np.intp)
     if excitation.kind == "multisine":
         seed = int(draws.integers(2**31))
         return odd_multisine(time, excitation.period_s, (low, high), seed)
@@ -144,10 +143,6 @@ def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator
         phase_deg = draws.uniform(0, 360) - 90  # of a cosine
         sweep = scipy.signal.chirp(since_full, low, excitation.full_s, high, phi=phase_deg)
         return np.sqrt(2) * sweep
-    if excitation.kind == "prbs":
-        signs = draws.choice([-1.0, 1.0], steps[-1] + 1)
-        low_pass = scipy.signal.butter(4, excitation.smoothing_hz, fs=1 / time[1], output="sos")
-        return scipy.signal.sosfilt(low_pass, signs[steps])
     return noise(excitation, time, draws)
 
 

@@ -194,29 +194,22 @@ RepeatCount = Annotated[int, Field(ge=1, le=1000)]
 class Excitation(Settings):
     """One motion of the joint, and how many trials of each impedance have it. A multisine has odd
     lines of a period with random phases, one in four left out; a chirp sweeps linearly; noise is
-    Gaussian; a prbs is binary; a hand is slow noise that wanders in size."""
+    Gaussian; a hand is slow noise that wanders in size."""
 
     # a part of the names of its trials
     name: Annotated[str, Field(pattern=IDENTIFIER)]
-    kind: Literal["multisine", "chirp", "noise", "prbs", "hand"]
-    rms_deg: JointDegrees  # of a binary sequence half its step
-    band_hz: Annotated[tuple[Positive, Positive], AfterValidator(check_rising)] = (
-        0.5,
-        6.0,
-    )  # a binary sequence has none
+    kind: Literal["multisine", "chirp", "noise", "hand"]
+    rms_deg: JointDegrees
+    band_hz: Annotated[tuple[Positive, Positive], AfterValidator(check_rising)] = (0.5, 6.0)
     duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
     period_s: Positive = 8.0  # of a multisine
     periods: RepeatCount = 5  # of a multisine
     trials: RepeatCount = 1
-    clock_s: Positive = 0.1  # between two changes of a binary sequence
-    smoothing_hz: Positive = 8.0  # cut-off of the low-pass over a binary sequence
     # in which the motion grows, and goes back to rest, in addition to its duration
     fade_s: Positive = 1.0
     rest_s: NotNegative = 1.5  # before and after the motion
 
-    _fades = require_at_most(
-        "fade_s + clock_s", "full_s", "and the motion would never be at full size"
-    )
+    _fades = require_at_most("fade_s", "full_s", "and the motion would never be at full size")
     _has_lines = refuse_if(
         lambda s: s.kind == "multisine" and not odd_lines(s.period_s, s.band_hz).size, "no lines"
     )

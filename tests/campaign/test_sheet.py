@@ -337,7 +337,7 @@ def test_the_written_sheet_is_the_plan(
 
 
 TONE = {"frequency_hz": 200, "size": 1}
-PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
+NOISE = {"name": "a", "kind": "noise", "rms_deg": 2}
 
 
 @pytest.mark.parametrize(("place", "value", "match"), [
@@ -351,7 +351,7 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
     ("experiments.walking", 3, "'walking'.*settings"),
     ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz: 1 Hz"),
     ("excitations",
-     [PRBS | {"rms_deg": 120}], "excitations.0.rms_deg: 120.*60"),
+     [NOISE | {"rms_deg": 120}], "excitations.0.rms_deg: 120.*60"),
 ])  # fmt: skip
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     path = settings_with(tmp_path, place, value)

@@ -138,10 +138,10 @@ def test_a_schedule_lasts_as_long_as_it_says():
     assert len(stepped(cycles=(2, 6)).theta) == 5500
 
 
-@pytest.mark.parametrize("kind", [*SMOOTH, "prbs"])
+@pytest.mark.parametrize("kind", SMOOTH)
 def test_an_excitation_has_its_length_and_size_and_rests_at_its_ends(kind):
     """5 s of rests and fades beside 20 s, or three periods of 4 s."""
-    theta = excited(kind, band_hz=(1.0, 4.0), clock_s=0.125).theta
+    theta = excited(kind, band_hz=(1.0, 4.0)).theta
 
     duration_s = 17 if kind == "multisine" else 25
     assert len(theta) == pytest.approx(duration_s * RATE, abs=4)
@@ -158,15 +158,6 @@ def test_an_excitation_has_its_band(kind):
     f = np.fft.rfftfreq(len(theta), 1 / RATE)
     is_in_band = (f >= 0.8) & (f < 4.3)
     assert power[is_in_band].sum() / power.sum() > 0.98
-
-
-def test_a_random_binary_sequence_changes_at_its_clock():
-    theta = excited("prbs", clock_s=0.125).theta[3000:-3000]
-
-    sign_changes = np.flatnonzero(np.diff(np.sign(theta)))
-    apart = np.diff(sign_changes) + 1  # of a smoothed sequence within a sample
-
-    assert (apart % 125 <= 2).all()
 
 
 def test_a_multisine_has_odd_lines_and_repeats_its_period():

@@ -81,17 +81,18 @@ def requested_gains(
     B_d [N*m*s/rad]."""
     p = drivetrain.read_parameters(parameters)
     if trajectory is not None:
-        return trajectory_table(trajectory, p, weight)
+        return select_trajectory(trajectory, weight, parameters)
     K_d, B_d = np.meshgrid(stiffness, damping, indexing="ij")
     return gain_table(K_d.ravel(), B_d.ravel(), p, weight)
 
 
-def trajectory_table(
-    trajectory: Path, p: drivetrain.DrivetrainParameters | None, weight: Weight
+def select_trajectory(
+    trajectory: Path, weight: Weight, parameters: drivetrain.FileOrNone = None
 ) -> pl.DataFrame:
-    """The table of gains for every row of a trajectory file, `phase` first; a refusal names the
-    file. `trajectory` is what the file says of itself, as synthetic. Without parameters there are
-    no gains."""
+    """The table of gains for every row of a trajectory file (Fig. 8), `phase` first; a refusal
+    names the file. `trajectory` is what the file says of itself, as synthetic. Without parameters
+    there are no gains."""
+    p = drivetrain.known_parameters(parameters)
     desired = read_impedance_trajectory(trajectory)
     with naming(trajectory):
         if p is None:
@@ -102,13 +103,6 @@ def trajectory_table(
             table = gain_table(desired.K_d, desired.B_d, p, weight)
     kind = pl.lit(desired.kind, pl.String).alias("trajectory")
     return table.select(pl.Series("phase", desired.phase), kind, pl.all())
-
-
-def select_trajectory(
-    trajectory: Path, weight: Weight, parameters: drivetrain.FileOrNone = None
-) -> pl.DataFrame:
-    """The gains for every row of a trajectory (Fig. 8)."""
-    return trajectory_table(trajectory, drivetrain.known_parameters(parameters), weight)
 
 
 def gains_text(table: pl.DataFrame) -> str:

@@ -21,12 +21,14 @@ def points(series: pl.DataFrame) -> pl.DataFrame:
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
-    """Angle, torque and its fit, and the residual of one trial over time."""
+    """Angle, if it is known, torque and its fit, and the residual of one trial over time."""
+    rows = 2 + style.has_values(table, "theta_deg")
     title = ", ".join(style.condition(table)) or f"Trial {style.drawn_name(table['trial'][0], 60)}"
-    figure, axes = style.panels(style.DOUBLE_COLUMN, 4, 3, titles=[title], sharex="col")
-    angle, torque, residual = axes
-    angle.plot(table["time"], table["theta_deg"], color=style.BLACK)
-    angle.set_ylabel("Angle (deg)")
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 4, rows, titles=[title], sharex="col")
+    *angles, torque, residual = axes
+    for angle in angles:
+        angle.plot(table["time"], table["theta_deg"], color=style.BLACK)
+        angle.set_ylabel("Angle (deg)")
     doubt = " (doubtful)" if style.has_doubtful(table) else ""
     torque.plot(
         table["time"], table["torque"], color=style.LIGHT_GREY, linewidth=2, label="Measured"

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from osl_analysis.base.measured import check_finite
+from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.rounding import significant
 
@@ -283,7 +283,11 @@ def welch_satterthwaite(
         A variance is not finite.
     """
     summands = np.asarray(variances, dtype=float)
-    check_finite("the variance", summands, math.inf)
+    if not np.isfinite(summands).all():
+        raise InputError(
+            "the uncertainty of an estimate is not finite",
+            "is the `unit` of `time` right? Else record a longer or livelier motion",
+        )
     certainty = 1 / np.asarray(degrees_of_freedom, dtype=float)
     if certainty.ndim < summands.ndim:
         certainty = certainty.reshape(-1, *[1] * (summands.ndim - 1))

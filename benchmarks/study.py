@@ -208,7 +208,7 @@ class StudyBench:
             for name in self.quantities:
                 value, low, high = (row[f"{name}{end}"] for end in INTERVAL_ENDS)
                 quantities[name] = value, (high - low) / (2 * NORMAL_QUANTILE), low, high
-            yield "filtered", row["interval_method"], quantities
+            yield "filtered", row.get("interval_method", "budget"), quantities
             return
         for row in found.compute_others()["response"].filter(scope="all").iter_rows(named=True):
             hertz = f"{row['frequency_hz']:g} Hz"

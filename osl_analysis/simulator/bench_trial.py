@@ -26,8 +26,6 @@ from osl_analysis.simulator.trial_plan import generator_of
 
 # A person's hand
 SLOW_IS_LARGE = 1.5  # power of the frequency by which the lines of a hand's motion fall
-WANDERING_S = 4.0  # period [s] in which the size of the motion wanders
-WANDERING_SIZE = 0.4  # share of the size
 
 
 @dataclass(frozen=True)
@@ -148,22 +146,15 @@ def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator
 
 def noise(excitation: Excitation, time: Array, draws: np.random.Generator) -> Array:
     """Gaussian noise (n,) of unit RMS, flat within the band and nothing beyond; or as a person
-    moves a joint by `hand`: slow motions are the larger, and the size of the motion wanders within
-    4 s."""
+    moves a joint by `hand`: slow motions are the larger."""
     low, high = excitation.band_hz
     f = np.fft.rfftfreq(len(time), time[1])
     gain = ((f >= low) & (f <= high)).astype(float)
-    by_hand = excitation.kind == "hand"
-    if by_hand:
+    if excitation.kind == "hand":
         gain /= np.maximum(f, low) ** SLOW_IS_LARGE
     lines = gain * (draws.standard_normal(len(f)) + 1j * draws.standard_normal(len(f)))
     steady = np.fft.irfft(lines, len(time))
-    steady /= np.std(steady)
-    if not by_hand:
-        return steady
-    phase = draws.uniform(0, 2 * np.pi)
-    wandering = np.sin(2 * np.pi / WANDERING_S * time + phase)
-    return steady * (1 + WANDERING_SIZE * wandering)
+    return steady / np.std(steady)
 
 
 def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[JointMotion, Array]:

@@ -194,7 +194,7 @@ RepeatCount = Annotated[int, Field(ge=1, le=1000)]
 class Excitation(Settings):
     """One motion of the joint, and how many trials of each impedance have it. A multisine has odd
     lines of a period with random phases, one in four left out; a chirp sweeps linearly; noise is
-    Gaussian; a hand is slow noise that wanders in size."""
+    Gaussian; a hand is slow noise."""
 
     # a part of the names of its trials
     name: Annotated[str, Field(pattern=IDENTIFIER)]

@@ -54,7 +54,8 @@ def fit_tables(name: str, *fits: tuple[Row, Mapping[str, Budget]]) -> dict[str, 
     for row, budgets in fits:
         of_budgets += budget_rows(row, budgets)
         for estimate, budget in budgets.items():
-            row = {**row, **budget.columns(estimate)}
+            ends = budget.columns(estimate)
+            row = {**row, **{column: ends[column] for column in ends if column in names}}
             if f"{estimate}_se_bench" in names:
                 row[f"{estimate}_se_bench"] = budget.se_bench
         rows.append(row)

@@ -152,7 +152,6 @@ def impedance_table(
         "excitation": "stepped sine" if record.groups.kind == "cycles" else other_excitation,
         "band_low_hz": record.band_hz[0],
         "band_high_hz": record.band_hz[1],
-        "cutoff_hz": record.settings.cutoff_hz,
         "K_s_ratio": found.belt.K_s_ratio,
         "angle_too_small": unit_of_step(record.encoder_step),
     }
@@ -162,11 +161,9 @@ def impedance_table(
         of_trial.update(K_predicted=of_gains[0], B_predicted=of_gains[1])
     fits = []
     for label in analysis.fits:
-        variance = s.chosen(s.groups.of(label)).covariance(["theta"])
         row: Row = {
             **analysis.place(label),
             **analysis.diagnostics(label),
-            "theta_rms_deg": np.rad2deg(np.sqrt(variance[0, 0])),
             "fitted_s": record.is_fitted(label).sum() / record.rate_hz,
             **of_trial,
         }

@@ -189,7 +189,7 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
     kind = "periodic" if row["excitation"] == "periodic" else "any"
     return (
         f"{row['fitted_s']:.1f} s of {kind} motion, {row['band_low_hz']:.3g} to"
-        f" {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
+        f" {row['band_high_hz']:.3g} Hz"
     )
 
 

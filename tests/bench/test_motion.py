@@ -70,7 +70,6 @@ def test_any_motion_about_any_zero_gives_the_impedance_of_the_torque(
     row = row_of(trial)
     turned = row_of(about_another_zero)
 
-    assert turned["theta_rms_deg"] == pytest.approx(row["theta_rms_deg"], rel=1e-3)
     assert half_width(turned, "K") == pytest.approx(half_width(row, "K"), rel=1e-3)
     assert row["K"] == pytest.approx(300, rel=4e-4)
     assert row["B"] == pytest.approx(5, rel=8e-4)

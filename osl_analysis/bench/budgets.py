@@ -53,12 +53,14 @@ def fit_tables(name: str, *fits: tuple[Row, Mapping[str, Budget]]) -> dict[str, 
     of_budgets = []
     for row, budgets in fits:
         of_budgets += budget_rows(row, budgets)
+        completed = dict(row)
         for estimate, budget in budgets.items():
-            ends = budget.columns(estimate)
-            row = {**row, **{column: ends[column] for column in ends if column in names}}
-            if f"{estimate}_se_bench" in names:
-                row[f"{estimate}_se_bench"] = budget.se_bench
-        rows.append(row)
+            columns = budget.columns(estimate)
+            columns[f"{estimate}_se_bench"] = budget.se_bench
+            for column, number in columns.items():
+                if column in names:  # a table need not have all of them
+                    completed[column] = number
+        rows.append(completed)
     return {name: table_of(rows, name), "budget": table_of(of_budgets, "budget")}
 
 

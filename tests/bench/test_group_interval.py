@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The interval of a fit to groups: the spread of what repeats, or the jackknife over the rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
+from osl_analysis.bench.friction import without_friction
 from osl_analysis.bench.record import Groups, Record, Stratum, unlike_groups
 from osl_analysis.bench.regression import fit_groups, gram_sums
 from osl_analysis.signals.filters import Motion
@@ -12,13 +15,13 @@ from osl_analysis.signals.filters import Motion
 LINE = {"K": "theta", "offset": "one"}
 
 
-def line_sums(x, torque, groups):
-    """Of a torque over a column, both of n rows."""
+def line_sums(x, torque, groups, **columns):
+    """Of a torque over a column, and further ones, all of n rows."""
     record = Record(
         "made", np.arange(len(x)) / 100, x, torque, Motion(x, x, x), torque,
         BenchAnalysis(cutoff_hz=15, order=4), np.ones(len(x), dtype=bool), groups, 100.0,
     )  # fmt: skip
-    return gram_sums(record, {"theta": x, "one": np.ones(len(x))})
+    return gram_sums(record, {"theta": x, "one": np.ones(len(x)), **columns})
 
 
 def made_sums(rng, groups, lack_of_fit_g):
@@ -76,3 +79,23 @@ def test_what_repeats_itself_has_the_spread_of_its_noise_alone(single):
 
     assert np.sqrt(np.mean(np.square(standard_errors))) == pytest.approx(np.std(found), rel=0.13)
     assert fit.interval_method == "repeats"
+
+
+def test_an_estimate_less_its_friction_has_the_freedom_of_both_errors():
+    """Satterthwaite's formula by hand, for a friction that two freedoms tell."""
+    rng = np.random.default_rng(5)
+    first = 10.0 * np.arange(12)
+    x, sign = rng.standard_normal((2, 120))
+    torque = 3 * x + 0.5 * sign + rng.standard_normal(120)
+    s = line_sums(x, torque, unlike_groups(first, first + 10), T_C=sign)
+    told = fit_groups(s, {**LINE, "T_C": "T_C"})
+    friction = replace(told, degrees_of_freedom=np.full(3, 2.0))
+    alone = fit_groups(s.less("T_C", friction["T_C"]), LINE)
+
+    fit = without_friction(s, LINE, friction)
+
+    own = np.diag(alone.covariance)
+    of_friction = np.diag(fit.covariance)[:2] - own
+    freedom = (own + of_friction) ** 2 / (own**2 / alone.degrees_of_freedom + of_friction**2 / 2)
+    np.testing.assert_allclose(fit.degrees_of_freedom, [*freedom, 2.0], rtol=1e-9)
+    assert (fit.degrees_of_freedom[:2] > 2.5).all()

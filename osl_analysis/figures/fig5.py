@@ -17,7 +17,7 @@ from osl_analysis.figures import style
 MOST_IN_COLUMN = 50  # markers side by side, or letters of labels, on the axis of a single column
 OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
 ASKED_FOR = ("joint", "side", "K_d", "B_d")
-STIFFNESS = ("K", "K_low", "K_high", "K_range_low", "K_range_high")
+DRAWN = ("", "_low", "_high", "_range_low", "_range_high")  # estimate, its interval and its range
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -34,11 +34,11 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
-    """(a) stiffness over desired stiffness, (b) its error in a narrow panel, and (c) damping over
-    desired damping, one above the other; several joints stand side by side."""
+    """(a) stiffness over desired stiffness and (b) its error in a narrow panel, (c) damping over
+    desired damping and (d) its error, one above the other; several joints stand side by side."""
     parts = style.by_place(table)
     is_asked = (table["K_d"] > 0).any()  # for a stiffness
-    heights = [1, 0.5, 1] if is_asked else [1, 1]
+    heights = [1, 0.5, 1, 0.5] if is_asked else [1, 1]
     placed = [[placed_on_axis(part, symbol) for symbol in "KB"] for _, part in parts]
     longest = max(trials["x"][-1] for of_part in placed for trials in of_part)
     is_single = len(parts) == 1 and longest <= MOST_IN_COLUMN
@@ -48,14 +48,15 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         width, 0.5 + 2 * sum(heights), len(heights), len(parts),
         [title for title, _ in parts], height_ratios=heights,
     )  # fmt: skip
-    for column, (stiffness, damping) in enumerate(placed):
-        first, *errors, last = axes[column :: len(parts)]
-        draw_trials(first, "K", stiffness, most)
-        for error in errors:
-            draw_percents(error, stiffness, most)
-            first.set_xlabel("")
-            first.set_xticks([])
-        draw_trials(last, "B", damping, most)
+    for column, of_part in enumerate(placed):
+        of_column = iter(axes[column :: len(parts)])
+        for symbol, trials in zip("KB", of_part, strict=True):
+            values = next(of_column)
+            draw_trials(values, symbol, trials, most)
+            if is_asked:
+                values.set_xlabel("")
+                values.set_xticks([])
+                draw_errors(next(of_column), symbol, trials, most)
 
     keys = [*style.estimate_keys(axes, table), *style.labelled(axes, Line2D)]
     style.legend_above(figure, keys)
@@ -106,15 +107,20 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> Non
     draw_axis(ax, symbol, placed, most)
 
 
-def draw_percents(ax: Axes, placed: pl.DataFrame, most: float) -> None:
-    """By how many percent the stiffness of the trials differs from the desired one."""
-    percent = (pl.col(STIFFNESS) / pl.col("K_d") - 1) * 100
-    errors = placed.filter(pl.col("K_d") > 0).with_columns(percent)
-    for look, trials in style.by_controller(errors):
-        style.draw_estimates(ax, trials, "x", "K", look)
+def draw_errors(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> None:
+    """What the trials render less what was asked for: of stiffness in percent of it; of damping,
+    of which often none is asked for, in its unit."""
+    desired = pl.col(f"{symbol}_d")
+    error = pl.col([symbol + end for end in DRAWN]) - desired
+    label = "Error (N·m·s/rad)"
+    if symbol == "K":
+        error = error / desired.replace(0, None) * 100
+        label = "Error (%)"
+    for look, trials in style.by_controller(placed.with_columns(error)):
+        style.draw_estimates(ax, trials, "x", symbol, look)
+    draw_axis(ax, symbol, placed, most)
     ax.axhline(0, color=style.BLACK)
-    ax.set_ylabel("Error (%)")
-    draw_axis(ax, "K", placed, most)
+    ax.set_ylabel(label)
 
 
 def draw_axis(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> None:

@@ -172,6 +172,7 @@ SHOWN = [
       for k, q in ((0, "K"), (2, "B"))),
     ("fig5", in_amplitudes, 1, pl.col("K_d") > 0, None,
      [100 * (pl.col(one.format("K")) / pl.col("K_d") - 1) for one in OBSERVED]),
+    ("fig5", in_amplitudes, 3, True, None, [pl.col(one.format("B")) - pl.col("B_d") for one in OBSERVED]),
     ("fig5", in_amplitudes, 2, True, None, ("B_viscous",)),
     ("fig6", None, 0, True, None,
      (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),

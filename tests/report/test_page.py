@@ -124,7 +124,7 @@ def test_friction_is_told_of_a_clear_trial_and_counted():
 def test_a_trial_has_a_row_of_estimates_per_fit_with_intervals_and_units():
     html = written_page(page(view()))
 
-    table = html.partition("Estimates with 95 %")[2].partition("</table>")[0]
+    table = html.partition("<h2>Estimates</h2>")[2].partition("</table>")[0]
     heads = re.findall("<th>(.*?)</th>", table)
     of_amplitude, of_all = re.findall("<tr><td>(.*?)</td></tr>", table)
     assert (heads[0], heads[-1]) == ("amplitude [deg]", "VAF [%]")

@@ -22,7 +22,7 @@ PANELS = {
 }
 EACH: dict[str, Any] = {"color": style.LIGHT_GREY, "label": "Each perturbation"}
 DOUBTFUL_LINE: dict[str, Any] = {"color": style.BLACK, "linestyle": ":", "label": "Doubtful fit"}
-SHADED = "#F9DFCD"  # of the fitted window
+SHADED = "#FBF3D5"  # of the fitted window
 HATCHED = "#C4C4C4"  # of the baseline
 
 
@@ -106,7 +106,7 @@ def draw_stance(ax: Axes, rows: pl.DataFrame) -> None:
         mean = curve["mean"]
         ax.fill_between(
             curve["x"], mean - curve["sd"], mean + curve["sd"], color=colour, alpha=0.25,
-            linewidth=0, label="± SD of crossings",
+            linewidth=0,
         )  # fmt: skip
         ax.plot(curve["x"], mean, dash, color=colour, label=name.capitalize())
     ax.set_xlabel("Stance (%)")
@@ -123,7 +123,7 @@ def draw_response(ax: Axes, rows: pl.DataFrame) -> None:
     fit = rows.filter(curve="fit")
     if len(fit):
         label = r"Fit of $K\theta + B\dot\theta + I\ddot\theta$"
-        ax.plot(fit["x"], fit["mean"], "--", color=style.ORANGE, linewidth=2, label=label)
+        ax.plot(fit["x"], fit["mean"], "--", color=style.COLOURS[2], linewidth=2, label=label)
     baseline = rows.filter(curve="baseline")["x"]
     ax.axvspan(*baseline, fc="none", ec=HATCHED, hatch="////", lw=0, zorder=0, label="Baseline")
     window = rows.filter(curve="window")["x"]

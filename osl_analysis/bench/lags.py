@@ -26,7 +26,7 @@ from osl_analysis.signals.filters import seven_point_motion
 from osl_analysis.stats.linear_fit import LinearFit
 
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
-LAG_FOUND = 1e-7  # s; last step of a search that has come to its end: the next is an eighth or less
+SEARCH_ROUNDING = 1e-7  # s; a smaller step of a search ends it: the next is an eighth or less
 # of a search for a lag: each is an eighth of the one before or less, of most a hundredth
 MOST_LAG_STEPS = 10
 # half-widths [rad] of the slipping springs that model a belt's hysteresis, and friction of the
@@ -98,7 +98,7 @@ def late_fit(
         fit = fit_groups(gram_sums(in_time, {**columns, **late}), late_model, EFFECTS_LIMIT)
         modelled = of_model @ fit.estimates[: len(model)]
         lags = np.clip(lags + fit.estimates[len(model) :], -LONGEST_LAG, LONGEST_LAG)
-        has_ended = abs(fit["lag_s"]) < LAG_FOUND
+        has_ended = abs(fit["lag_s"]) < SEARCH_ROUNDING
         if has_ended:
             break
     estimates = np.append(fit.estimates[: len(model)], lags)

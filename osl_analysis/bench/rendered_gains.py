@@ -54,15 +54,15 @@ from osl_analysis.stats.linear_fit import LinearFit, solved, variance_accounted_
 
 SLOW = {"offset": "one", "drift": "ramp"}
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
-CONVERGED_STEP = 1e-3  # of the gains' standard errors, at which they have converged
+STEP_ROUNDING = 1e-3  # of the gains' standard errors: after a smaller step they have converged
 MOTION_CUTOFFS = 3.0  # of the low-pass, beyond which nothing of the motion is left
 """As of the torque that linear theory expects."""
 NO_ANGLE_NOISE = np.array([[1.0], [0.0]])  # a frequency [Hz], and its density [rad^2/Hz]
 COMPONENT_SYMBOLS = ("K_s", "n_T", "J_m", "B_m", "J_j", "B_j")  # of Eq. 9 beside the gains
 # of a gain [N*m/rad, N*m*s/rad] or the delay [s], by which its slope is taken: of slopes of 1 to
 # 1e4 it leaves a millionth
-SMALL_STEP = 1e-6
-SMALL_CHANGE = 1e-3  # of a component, by which its slope is taken
+SLOPE_ROUNDING = 1e-6
+SHARE_ROUNDING = 1e-3  # of a component, by which its slope is taken, above all rounding
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def rendered_gains(
             leg = leg.moved_by(step)
             if leg.slow_damping <= 0 or leg.K_1 <= 0:
                 break  # of a joint that is no such leg
-            if all(abs(step[name]) < CONVERGED_STEP * step.se(name) for name in fitted):
+            if all(abs(step[name]) < STEP_ROUNDING * step.se(name) for name in fitted):
                 return described(leg, step, of_device.standard_errors)
     return None
 
@@ -162,8 +162,8 @@ class Leg:
         return replace(self, **values)
 
     def stepped(self, name: str) -> "Leg":
-        """The leg whose controller differs by `SMALL_STEP` in one of its parameters."""
-        return replace(self, **{name: getattr(self, name) + SMALL_STEP})
+        """The leg whose controller differs by `SLOPE_ROUNDING` in one of its parameters."""
+        return replace(self, **{name: getattr(self, name) + SLOPE_ROUNDING})
 
     def stiffness(self, s: Spectrum) -> Spectrum:
         """Z [N*m/rad] at frequencies s [rad/s]."""
@@ -187,7 +187,7 @@ class Leg:
         friction."""
         record = self.record
         columns = {
-            name: (self.stepped(name).torque - self.torque) / SMALL_STEP for name in self.fitted
+            name: (self.stepped(name).torque - self.torque) / SLOPE_ROUNDING for name in self.fitted
         }
         sign = np.tanh(record.motion.omega / SIGN_WIDTHS["T_C"])
         friction = record.settings.low_pass(sign, record.rate_hz)
@@ -225,7 +225,9 @@ class Leg:
         stepped = {name: self.stepped(name).impedance() for name in self.fitted}
         found = {}
         for column, value in self.impedance().items():
-            slopes = {name: (stepped[name][column] - value) / SMALL_STEP for name in self.fitted}
+            slopes = {
+                name: (stepped[name][column] - value) / SLOPE_ROUNDING for name in self.fitted
+            }
             found[column] = (value, {name: slope for name, slope in slopes.items() if slope})
         return found
 
@@ -282,12 +284,12 @@ def contributions_of_components(
     most: dict[str, tuple[float, str]] = dict.fromkeys(before, (0.0, ""))  # by a percent of one
     for component in COMPONENT_SYMBOLS:
         value = getattr(leg.p, component)
-        other = replace(leg, p=replace(leg.p, **{component: value * (1 + SMALL_CHANGE)}))
+        other = replace(leg, p=replace(leg.p, **{component: value * (1 + SHARE_ROUNDING)}))
         change = (leg.torque - other.torque)[rows]
         changes = dict(zip(leg.model, np.linalg.lstsq(X, change)[0], strict=True))
         after = other.moved_by(changes).impedance()
         for name in before:
-            by_all = abs(after[name] - before[name]) / SMALL_CHANGE
+            by_all = abs(after[name] - before[name]) / SHARE_ROUNDING
             if component not in uncertainties:
                 most[name] = max(most[name], (by_all / 100, component))
             elif value:  # 0: it is left out of the model

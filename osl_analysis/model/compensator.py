@@ -30,10 +30,9 @@ from osl_analysis.model.drivetrain import (
 
 CONTROLLERS = ("compensated", "uncompensated")  # whose gains the draft states
 
-# The search for x = B_m + B_1, in the scale (K_1 J_m)^1/2 of the actuator's damping. The points are
-# a factor of 1.8 apart; the closest two minima that were found are a factor of 4 apart.
-SMALLEST_SEARCHED = 1e-9
-LARGEST_SEARCHED = 1e9
+# The search for x = B_m + B_1, in the scale (K_1 J_m)^1/2 of the actuator's damping, over the range
+# of a parameter. The points are a factor of 1.8 apart; the closest two minima that were found are a
+# factor of 4 apart.
 POINTS = 73
 ROUNDING = 4 * float(np.finfo(float).eps)  # of a root, as a share of it
 
@@ -218,7 +217,7 @@ def optimal_damping(
     W = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
     polynomials = admittance_error(K_d, B_d, K_1, p, W)[..., None]
     scale = np.sqrt(K_1 * p.J_m)
-    x = scale * np.geomspace(SMALLEST_SEARCHED, LARGEST_SEARCHED, POINTS)
+    x = scale * np.geomspace(SMALLEST_PARAMETER, LARGEST_PARAMETER, POINTS)
     _, slope = squared_norm(x, polynomials)
 
     def slope_at(x: float) -> float:
@@ -228,7 +227,7 @@ def optimal_damping(
     is_bracket = (slope[:-1] < 0) & (slope[1:] >= 0)
     minima = [
         scipy.optimize.brentq(
-            slope_at, x[k], x[k + 1], xtol=SMALLEST_SEARCHED * x[k], rtol=ROUNDING
+            slope_at, x[k], x[k + 1], xtol=SMALLEST_PARAMETER * x[k], rtol=ROUNDING
         )
         for k in np.flatnonzero(is_bracket)
     ]

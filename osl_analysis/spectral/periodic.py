@@ -18,7 +18,7 @@ from osl_analysis.signals.filters import runs
 
 # Shares are of the RMS of the moving angle.
 COARSE_HZ = 100.0  # rate [Hz], by averaging samples, at which periods are searched
-NO_MISMATCH = 3e-4  # share below which a mismatch counts as none
+MISMATCH_ROUNDING = 3e-4  # share that a spline between samples leaves of an exact repetition
 LEAST_CORRELATION = 0.3  # two realisations of two periods each correlate by 0.5
 MOST_LAGS = 60  # highest peaks of the autocorrelation that are tried
 MOVING = 0.2  # of the largest RMS; below, the joint rests
@@ -88,7 +88,9 @@ def periodic_motion(
     best = min(candidate.mismatch for candidate in candidates)
     # the shortest lag with a mismatch within a factor of two of the best is the period, not a
     # multiple of it
-    lag, _, stretches = min(each for each in candidates if each.mismatch <= 2 * best + NO_MISMATCH)
+    lag, _, stretches = min(
+        each for each in candidates if each.mismatch <= 2 * best + MISMATCH_ROUNDING
+    )
     times = np.arange(lag)
     scatters = []
     realisations: list[Array] = []
@@ -158,6 +160,6 @@ def repetition_after(
             return None
 
     median = np.median(mismatch[rows])
-    settled = runs_of_a_lag(mismatch < max(LARGEST_TRANSIENT * median, NO_MISMATCH * size))
+    settled = runs_of_a_lag(mismatch < max(LARGEST_TRANSIENT * median, MISMATCH_ROUNDING * size))
     covered = sum(run.stop - run.start + lag for run in settled) / moving.sum()
     return Repetition(lag, median / size, settled) if covered > LEAST_COVERED else None

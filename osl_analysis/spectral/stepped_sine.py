@@ -44,7 +44,7 @@ SAMPLES_PER_CYCLE = 64  # tell all of a sine
 SINE_ROUNDS = 6  # of Gauss-Newton at most
 # cycles over the run by which a round changes the sine, after which it is found: the next round
 # changes it by a thousandth of that
-SETTLED = 1e-5
+SINE_ROUNDING = 1e-5
 LARGEST_LACK_OF_FIT = 0.3  # of the sine's RMS
 PURE_SINE = 0.08
 """Lack of fit of a pure sine, of its RMS; a triangle's is 0.12. An angle that deviates by so much
@@ -245,7 +245,7 @@ def fit_run(
         real, imaginary, centre, change = np.linalg.lstsq(columns, theta[rows])[0].tolist()
         sine = complex(real, imaginary)
         frequency += change
-        if rounds and abs(change) * (last - first) < SETTLED:
+        if rounds and abs(change) * (last - first) < SINE_ROUNDING:
             break
 
     outside = np.r_[earliest:first, last - 1 : latest + 1]

@@ -35,7 +35,7 @@ SMALLEST_SCALE = 0.75
 LARGEST_SCALE = 1 / SMALLEST_SCALE
 DRIFT_ORDERS = range(1, 9)
 LARGEST_SCALE_STEP = 0.05
-LAST_SCALE_STEP = 1e-6  # which ends the search
+SCALE_ROUNDING = 1e-6  # a smaller step of the search is rounding, and ends it
 SCALE_ROUNDS = 15
 
 
@@ -141,7 +141,7 @@ def matched_scales(phase: Array, curves: Array, mean: Array, order: int) -> Arra
         step = coefficients(unexplained, by_scale, negligible)
         scales += np.clip(step, -LARGEST_SCALE_STEP, LARGEST_SCALE_STEP)
     within = (scales > SMALLEST_SCALE) & (scales < LARGEST_SCALE)
-    return np.where((np.abs(step) < LAST_SCALE_STEP) & within, scales, np.nan)
+    return np.where((np.abs(step) < SCALE_ROUNDING) & within, scales, np.nan)
 
 
 def coefficients(curves: Array, columns: Array, negligible: float) -> Array:

@@ -198,18 +198,6 @@ def test_stamps_that_can_be_read_in_two_ways_are_a_fault_part_of_the_estimates(j
     assert both["impedance"].select(ends).row(0) == tuple(sound_row(joint)[end] for end in ends)
 
 
-def test_an_inertia_behind_a_soft_spring_does_not_drive_the_motion():
-    """Above its resonance K of Eq. 15 is negative, and B positive."""
-    rng = np.random.default_rng(2)
-    time, motion = noise(rng, (3.0, 8.0))
-    trial = made_trial(rng, (time, motion), K=-30.0, B=9.0, I=-0.02)
-    record = record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
-
-    row = row_of(record)
-
-    assert row["K"] == pytest.approx(-30, rel=0.2)
-
-
 def test_above_the_cutoff_a_joint_is_fitted_and_no_fault_weighed():
     time, theta = binary_steps()
     trial = joint_trial(time, theta, 300 * theta)

@@ -206,38 +206,21 @@ def test_a_stiffness_unlike_what_was_asked_is_doubtful(asked, column, factor, si
     assert row["beyond"].get(column) == side
 
 
-@pytest.mark.parametrize("K_without_friction", [None, 205.0])
-def test_the_ratio_to_what_gains_give_is_that_of_K_without_friction(K_without_friction):
-    of_friction = pl.Series([None, K_without_friction], dtype=pl.Float64)
-    sizes = {"trial": "a", "amplitude_deg": [2.0, None], "K": [220.0, 224.0]}
-    row = pl.DataFrame({**sizes, "K_without_friction": of_friction})
-    row = row.with_columns(K_predicted=200.0)
-
-    found = beside_known(row, LEG, KNOWN, Budget(220.0)).row(-1, named=True)
-
-    assert found["K_ratio"] == pytest.approx((K_without_friction or 220.0) / 200)
-
-
-@pytest.mark.parametrize(("B_viscous", "ratio"), [(None, 0.9), (1.48, 0.74)])
-def test_damping_without_friction_is_compared_with_what_was_asked(B_viscous, ratio):
-    estimates = {"K": 147.0, "K_without_friction": None, "B": 1.8, "B_viscous": B_viscous}
-    row = {"amplitude_deg": None, "K_predicted": None, **estimates}
-
-    found = beside_known(pl.DataFrame([row]), None, DesiredImpedance("own", 200, 2), Budget(147.0))
-
-    assert found["B_over_B_d"].item() == pytest.approx(ratio)
-
-
-@pytest.mark.parametrize(("half_range", "ratio"), [(0.0, 1.1), (12.0, 1.04), (30.0, 1.0)])
-def test_what_of_the_range_is_nearest_to_what_was_asked_is_compared(half_range, ratio):
+@pytest.mark.parametrize(("half_range", "B_viscous", "ratios"), [
+    (0.0, None, (1.1, 0.9)), (12.0, 1.48, (1.04, 0.74)), (30.0, None, (1.0, 0.9)),
+])  # fmt: skip
+def test_the_nearest_of_the_range_and_damping_without_friction_are_compared(
+    half_range, B_viscous, ratios
+):
     """A spring that hardens renders K_d at another amplitude."""
-    row = {"amplitude_deg": None, "K": 220.0, "K_predicted": None, "K_without_friction": None}
+    estimates = {"K": 220.0, "K_without_friction": None, "B": 1.8, "B_viscous": B_viscous}
+    row = {"amplitude_deg": None, "K_predicted": None, **estimates}
     motion = Contribution("nonlinear_spring", half_range, part="motion")
     K = Budget(220.0, (motion,))
 
-    found = beside_known(pl.DataFrame([row]), None, DesiredImpedance("own", 200, None), K)
+    found = beside_known(pl.DataFrame([row]), None, DesiredImpedance("own", 200, 2), K)
 
-    assert found["K_over_K_d"].item() == pytest.approx(ratio)
+    assert found.select("K_over_K_d", "B_over_B_d").row(0) == pytest.approx(ratios)
 
 
 def leg():
@@ -261,13 +244,16 @@ def test_torque_and_angles_of_a_leg_are_compared_with_its_belt(changes, ratio, c
     assert [one.cause for one in row["findings"] if "K_s_ratio" in beyond_in([one])] == causes
 
 
-def test_a_stiffness_is_compared_with_the_belt_and_the_largest_amplitude_with_what_gains_give():
+@pytest.mark.parametrize(("without_friction", "ratio"), [(None, 0.5), (240.0, 0.6)])
+def test_a_stiffness_is_compared_with_the_belt_and_with_what_gains_give(without_friction, ratio):
+    """With the latter at the largest amplitude, or without friction."""
     rows = {"trial": "a", "amplitude_deg": [4.0, 2.0, None], "K": [200.0, 100.0, 150.0]}
-    unknown = pl.DataFrame(rows).with_columns(K_without_friction=None, K_predicted=400.0)
+    known = pl.lit(without_friction, dtype=pl.Float64)
+    table = pl.DataFrame(rows).with_columns(K_without_friction=known, K_predicted=400.0)
 
-    found = beside_known(unknown, LEG, KNOWN, Budget(150.0))
+    found = beside_known(table, LEG, KNOWN, Budget(150.0))
 
-    assert found["K_ratio"].to_list() == [0.5] * 3
+    assert found["K_ratio"].to_list() == [ratio] * 3
     assert (found["K_over_K_s"] * LEG.K_s).to_list() == pytest.approx(rows["K"])
 
 

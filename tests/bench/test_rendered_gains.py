@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The gains that a leg renders, from recordings made by its equations of motion, one for the motor
-and one for the joint, at each frequency."""
+"""The gains that a leg renders, from recordings made by its stiffness at each frequency, which
+`tests/model` holds against the equations of motion."""
 
 import numpy as np
 import polars as pl
@@ -8,6 +8,7 @@ import pytest
 from shipped import DEVICE, LEG
 
 import osl_analysis as osl
+from osl_analysis.model.drivetrain import dynamic_stiffness
 
 RATE_HZ = 250.0
 DURATION_S = 30.0
@@ -17,22 +18,13 @@ SINES_HZ = np.array([0.4, 0.9, 1.7, 2.6, 3.7, 5.1, 6.8])
 def recorded_leg(K_1, B_1, delay=2e-4, noise=0.05, seed=0, friction=0.0):
     """Angle and torque of a leg with these gains, which act `delay` [s] late, and with friction
     [N*m] of the joint."""
-    p = vars(LEG)
     random = np.random.default_rng(seed)
     time = np.arange(0, DURATION_S, 1 / RATE_HZ)
-    theta, torque = np.zeros_like(time), random.normal(0, noise, len(time))
-    for w in 2 * np.pi * SINES_HZ:
-        s = 1j * w
-        joint = 0.02 * np.exp(1j * random.uniform(0, 2 * np.pi))
-        # J_m s^2 motor = belt's pull - B_m s motor - (K_1 + B_1 s) e^(-s delay) motor
-        belt = p["K_s"] / p["n_T"]
-        late = (K_1 + B_1 * s) * np.exp(-s * delay)
-        held = p["J_m"] * s**2 + p["B_m"] * s + late + belt / p["n_T"]
-        motor = belt * joint / held
-        pull = p["K_s"] * (joint - motor / p["n_T"]) + (p["B_j"] * s + p["J_j"] * s**2) * joint
-        turn = np.exp(s * time)
-        theta += (joint * turn).imag
-        torque += (pull * turn).imag
+    torque = random.normal(0, noise, len(time))
+    s = 2j * np.pi * SINES_HZ
+    sines = 0.02 * np.exp(np.outer(s, time) + 1j * random.uniform(0, 2 * np.pi, (len(s), 1)))
+    theta = sines.sum(axis=0).imag
+    torque += (dynamic_stiffness(s, K_1, B_1, LEG, delay) @ sines).imag
     torque += friction * np.sign(np.gradient(theta))
     return osl.Trial("leg", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
 

@@ -64,17 +64,18 @@ def test_the_closed_form_of_equation_5_solves_the_implicit_equation(u, s):
 
 
 @pytest.mark.parametrize("frequency", [0.0, 0.3, 1.0, 5.0, 40.0])
-@pytest.mark.parametrize("J_j", [0.0, 5e-3])
+@pytest.mark.parametrize(("J_j", "delay"), [(0.0, 0.0), (5e-3, 2e-3)])
 @pytest.mark.parametrize(("K_1", "B_1"), [(25.0, 0.66), (5.5, -0.003), (45.0, 1.8)])
-def test_the_admittance_solves_the_equations_of_motion(frequency, J_j, K_1, B_1):
+def test_the_admittance_solves_the_equations_of_motion(frequency, J_j, delay, K_1, B_1):
     """Eqs. 7 and 8 as a linear system in (theta_m, theta_s) for theta_j = 1."""
     s = 2j * np.pi * frequency
-    feedback = K_1 + (P.B_m + B_1) * s + P.J_m * s**2
+    late = (K_1 + B_1 * s) * np.exp(-s * delay)
+    feedback = late + P.B_m * s + P.J_m * s**2
     equations = np.array([[1 / P.n_T, 1.0], [feedback, -P.K_s / P.n_T]])
     _, theta_s = np.linalg.solve(equations, [1.0, 0.0])
     torque = P.K_s * theta_s + P.B_j * s + J_j * s**2
 
-    Y = 1 / dynamic_stiffness(s, K_1, B_1, replace(P, J_j=J_j))
+    Y = 1 / dynamic_stiffness(s, K_1, B_1, replace(P, J_j=J_j), delay)
 
     assert Y == pytest.approx(1 / torque, rel=1e-10)
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from conftest import refused_with
 
-from osl_analysis.base.errors import InputError
 from osl_analysis.model.multisine import odd_lines, odd_multisine
 from osl_analysis.signals.filters import (
     LowPass,
@@ -137,5 +136,6 @@ def test_a_multisine_has_an_rms_of_1():
 
 
 def test_a_multisine_of_too_few_lines_is_refused():
-    with pytest.raises(InputError):
-        odd_multisine(WHOLE_PERIOD, 0.5, BAND, seed=1)
+    with refused_with("2 odd lines"):
+        odd_lines(1.0, (1.0, 4.0))
+    assert odd_lines(1.0, (1.0, 5.0)).tolist() == [1, 3, 5]

@@ -119,5 +119,21 @@ def test_a_realisation_begins_after_the_rest_and_ends_with_its_motion(three_moti
     starts = three_motions.begins[three_motions.realisation.searchsorted([0, 1, 2])]
 
     assert np.diff(starts) == pytest.approx([21, 21], abs=0.2)
-    assert starts + 4 * PERIOD == pytest.approx([21, 42, 63], abs=0.3)
+    assert starts + 4 * PERIOD == pytest.approx([21, 42, 63], abs=0.2)
     assert 2 < starts[0] < 1 + PERIOD + 0.1
+
+
+TRANSIENT = np.pad(np.hanning(200), (100, 5700))
+QUIET = np.tile(multisine(1, 1), 6) + 1e-4 * white_noise(6000, 3)
+
+
+@pytest.mark.parametrize(("theta", "periods"), [
+    (record(3, multisine(1, 2.35), multisine(2, 2.35)), [2, 2]),
+    (record(1, multisine(1), 0.3 * multisine(2)), [4, 4]),
+    # 4 and 7 times the noise
+    (QUIET + 4e-4 * TRANSIENT, [6]), (QUIET + 7e-4 * TRANSIENT, [5]),
+    # an end is known to 30 ms
+    (np.pad(multisine(1, 5.02), (250, 0)), [4]), (np.pad(multisine(1, 5.03), (250, 0)), [5]),
+])  # fmt: skip
+def test_a_realisation_has_its_settled_periods_and_may_be_smaller(theta, periods):
+    assert np.bincount(motion_of(theta).realisation).tolist() == periods

@@ -20,6 +20,7 @@ from osl_analysis.spectral.stepped_sine import (
     SteppedSineProtocol,
     find_sines,
     moving_bins,
+    similar_cycles,
 )
 
 PROTOCOL = SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
@@ -50,6 +51,7 @@ class Practice:
 
     rest_s: float = 0.0  # after each frequency
     phase: float = 0.0  # of the start [rad]
+    within: float = 1e-3  # cycles that the start that is found may be off
     ramp: int = 0  # cycles in which the amplitude grows, and falls
     clock: float = 1.0  # factor of the frequencies
     cycles: tuple[int, ...] = (8, 8, 8)
@@ -69,7 +71,8 @@ class TruePart(NamedTuple):
 
 
 PRACTICES = {
-    "cosines": Practice(phase=np.pi / 2),
+    "cosines": Practice(phase=np.pi / 2, within=0.2),
+    "sines from 40 deg": Practice(phase=0.7, rest_s=0.7, within=0.05),
     "ramps and rests": Practice(ramp=1, rest_s=0.7),
     "other numbers of cycles": Practice(cycles=(5, 10, 15)),
     "another order": Practice(frequencies=(3.0, 1.0, 2.0), amplitudes=(0.1, 0.03)),
@@ -120,7 +123,6 @@ def segments_of_practice(practice):
 def test_sines_are_found_as_people_run_a_protocol(practice):
     """Two cycles settle before the fit begins: a start elsewhere than at the centre may be off by a
     fifth of a cycle."""
-    within = 0.2 if practice.phase else 1e-3
     segments = segments_of_practice(practice)
 
     parts = parts_of(practice)
@@ -132,8 +134,31 @@ def test_sines_are_found_as_people_run_a_protocol(practice):
     assert frequencies[:3] == frequencies[3:]
     for segment, part in zip(segments, parts, strict=True):
         assert segment.start / PRACTICE_RATE == pytest.approx(
-            part.start, abs=within / part.frequency
+            part.start, abs=practice.within / part.frequency
         )
+
+
+EVEN = np.full(20, 100)
+SAME = np.ones(20)
+
+
+@pytest.mark.parametrize(("rows", "sizes", "cycles"), [
+    (EVEN, 8 * SAME, [18]), (EVEN, 4 * SAME, []),  # noises
+    # a cycle within 5 % of those before it, and 15 or 25 % longer than the first
+    (100 * 1.012**np.arange(20), 100 * SAME, [18]), (np.repeat([100, 110], 10), 100 * SAME, [9, 9]),
+    # a ramp of 8 %
+    (EVEN, 100 * np.clip(SAME - 0.08 * (np.arange(20) < 5), 0, 1), [14]),
+])  # fmt: skip
+def test_cycles_of_a_run_are_like_the_five_before_them(rows, sizes, cycles):
+    pieces = [
+        size * np.sin(2 * np.pi * np.arange(round(n)) / round(n))
+        for n, size in zip(rows, sizes, strict=True)
+    ]
+    theta = np.concatenate(pieces)
+
+    found = similar_cycles(theta, 1.0, np.ones(len(theta), dtype=bool))
+
+    assert [len(crossings) - 1 for crossings in found] == cycles
 
 
 def test_a_clock_that_is_right_to_50_ppm_has_the_commanded_frequencies():
@@ -240,6 +265,22 @@ def test_a_joint_moves_by_eight_noises_and_not_by_one():
     moving = moving_bins(NOISE * (sine + white_noise(len(time), 1)), FINE, NOISE)
 
     assert np.mean(moving == (time >= 5)) > 0.99
+
+
+@pytest.mark.parametrize(("duration_s", "moves"), [(8, True), (16, False)])
+def test_a_joint_moves_that_turns_by_a_thirtieth_and_not_by_a_sixtieth(duration_s, moves):
+    """Of its range, in a quarter of a second."""
+    ramp = np.linspace(0, 1, round(duration_s * FINE))
+
+    assert (moving_bins(ramp, FINE, 0.0) == moves).all()
+
+
+@pytest.mark.parametrize(("change", "stepped"), [(0.007, True), (0.015, False)])
+def test_a_sine_has_one_frequency_in_both_halves(change, stepped):
+    turns = np.linspace(0, 10, 1250)  # 10 cycles of 2 Hz
+    theta = 0.05 * np.sin(2 * np.pi * (turns + change * turns * (turns / 10 - 1)))
+
+    assert is_stepped(theta, 1, SteppedSineProtocol((0.05,), (2.0,))) == stepped
 
 
 SOUND = stepped(SIX, 1.0, (1.0, 1.0, 1.0), FINE)

@@ -305,7 +305,7 @@ def reactions_on_foot(
     axes = platform.moving_directions([track])
     in_track = slice(rows.start - run.start, rows.stop - run.start)
     motion, weights = track.measured_motion(axes, middle)
-    columns = inertial_columns(motion.weighted(weights)[in_track])
+    columns = inertial_columns(motion.weighted(weights))[in_track]
 
     plate = passage.poses["platform"]
     R_transposed = np.swapaxes(plate.rotation, 1, 2)
@@ -321,10 +321,7 @@ def reactions_on_foot(
 def readings_of(plate: PlateModel, lag: float) -> list[tuple[Array, float]]:
     """Parameters and lag [s] of a plate as they are, without each plate trial, a ms later, and with
     a kg more."""
-    readings = [(plate.parameters, lag)]
-    for model in plate.leave_one_out:
-        later = (model.lag or 0.0) - (plate.lag or 0.0)
-        readings.append((model.parameters, lag + later))
+    readings = [(model.parameters, lag) for model in (plate, *plate.leave_one_out)]
     heavier = plate.parameters.copy()
     heavier[0] += 1.0
     return [*readings, (plate.parameters, lag + 1e-3), (heavier, lag)]

@@ -80,11 +80,6 @@ def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:
     return response.torque - response.torques - explained.T
 
 
-def fitted_changes(columns: Array, torques: Array, window: slice) -> Array:
-    """Changes (m, 3) by torques (m, k) [N*m]."""
-    return np.asarray(np.linalg.lstsq(columns, torques.T[window])[0].T, float)
-
-
 def jackknife_ses(without_each: Sequence[Array] | Array) -> Array:
     """Tukey's standard errors (p,) from estimates (m, p), or their changes, without each of m
     items."""

@@ -20,6 +20,7 @@ from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import only_stance, zeroed_wrench
 from osl_analysis.walking.plate_inertia import (
     CERTAIN_SES,
+    LAG_ROUNDING,
     PlateModel,
     TurnLag,
     UnloadedMotion,
@@ -75,10 +76,9 @@ def timing_of(
             ramp = platform.ramp_of(time, poses, settings.smallest_turn)
             if ramp is not None:
                 ramps[trial.name] = ramp
-            free = without_load(trial, time, model.lag or 0.0, settings)
             found = [
                 whole_recording(trial, calibration, time, poses, poses.seen() & rows, settings)
-                for rows in free
+                for rows in without_load(trial, time, model.lag or 0.0, settings)
             ]
             parts[trial.name] = unloaded_parts([part for part in found if part is not None])
     if not model.directions.size:
@@ -159,41 +159,45 @@ def certain_part(estimates: Array, covariance: Array) -> Array:
 
 
 def plate_timing(
-    model: PlateModel, crossings: Mapping[str, Sequence[TurnLag]], onsets: Mapping[str, float]
+    model: PlateModel, crossings: Mapping[str, Sequence[TurnLag]], onsets: dict[str, float]
 ) -> PlateTiming:
     """Find the lag of each crossing from the turns of all recordings.
 
     Notes
     -----
-    The lag of a turn at the time t is a + b [in a crossing] + c t, of which b and c count where
-    they are certain. What a crossing's own turns leave counts as far as such rests scatter beyond
-    noise (shrinkage, James and Stein, 1961).
+    The lag of a turn at the time t is a + b [in a crossing] + c t. c counts where it is certain. b
+    and what a crossing's own turns leave count as far as they exceed noise (shrinkage, James and
+    Stein, 1961), and `se` holds what is left out of b: the lag's errors are within 1.96 `se` in 92
+    to 98 % of draws for any b. A lag that takes b for 0 until it is certain was 2 ms off unnoticed.
     """
     of_crossings = [turn for name in onsets for turn in crossings.get(name, ())]
     turns = [*model.turns, *of_crossings]
     if model.lag is None:
-        return PlateTiming(dict(onsets), {})
+        return PlateTiming(onsets, {})
     is_crossing = np.arange(len(turns)) >= len(model.turns)
     time, lag, se = np.transpose([(turn.time, turn.lag, turn.se) for turn in turns])
-    middle = np.average(time, weights=1 / se**2)
+    middle = time.mean()
     X = np.column_stack([np.ones_like(time), is_crossing, time - middle])
-    estimates, covariance, _ = scattered_fit(X, lag, se)
-    kept = np.array([True, *(certain_part(estimates, covariance)[1:] != 0)])
-    X = X * kept
+    drift = certain_part(*scattered_fit(X, lag, se)[:2])[2]
+    X[:, 2] *= drift != 0
     estimates, covariance, scatter = scattered_fit(X, lag, se)
-    _, change, drift = kept * certain_part(estimates, covariance)
+    _, change, drift = certain_part(estimates, covariance)
     unexplained = lag - X @ estimates
     shares = scatter**2 / (scatter**2 + se**2)
     own = {turn.trial: shares[k] * unexplained[k] for k, turn in enumerate(turns)}
-    in_crossings = estimates[0] + estimates[1]
+
+    square_of_b = max(estimates[1] ** 2, covariance[1, 1] + LAG_ROUNDING**2)
+    left_out = covariance[1] * estimates[1] / square_of_b
+    estimates = estimates - left_out
+    at_onset = np.array([1.0, 1.0, np.mean([*onsets.values()] or middle) - middle])
     return PlateTiming(
-        dict(onsets),
+        onsets,
         {
-            name: float(in_crossings + estimates[2] * (onset - middle) + own.get(name, 0.0))
+            name: float(estimates @ [1.0, 1.0, onset - middle] + own.get(name, 0.0))
             for name, onset in onsets.items()
         },
-        lag=float(in_crossings + estimates[2] * (np.mean([*onsets.values()] or middle) - middle)),
-        se=float(np.sqrt(covariance[:2, :2].sum())),
+        lag=float(at_onset @ estimates),
+        se=float(np.hypot(np.sqrt(at_onset @ covariance @ at_onset), at_onset @ left_out)),
         change=float(change) if of_crossings else None,
         scatter=scatter if len(turns) > 1 else None,
         drift=float(drift),

@@ -349,9 +349,6 @@ class BodyMotion:
     point: Array  # position (n, 3) [m] of the point
     acceleration: Array  # of the point (n, 3) [m/s^2]
 
-    def __getitem__(self, rows: slice) -> "BodyMotion":
-        return BodyMotion(**{name: values[rows] for name, values in vars(self).items()})
-
     def weighted(self, weights: Array) -> "BodyMotion":
         """Multiply angular velocity and accelerations by weights (n,), 0 where the body rests."""
         w = weights[:, None]

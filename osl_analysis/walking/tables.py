@@ -26,7 +26,6 @@ from osl_analysis.walking.impedance_fit import (
     ENSEMBLE,
     best_predictors,
     fit_response,
-    fitted_changes,
     gait_torque,
     jackknife_ses,
     mean_response,
@@ -185,7 +184,8 @@ def of_set_up(
 ) -> list[Contributions]:
     """What the plate's model, lag, height and gain, and the foot's place contribute, by the changes
     (m + 4, k) [N*m] of the mean response."""
-    changes = fitted_changes(response.fitted_motion.columns, response.changes, response.window)
+    torques = response.changes[:, response.window]
+    changes = np.linalg.lstsq(response.fitted_motion.columns, torques.T)[0].T
     by_trial, by_unit = np.split(changes, [-len(PER_UNIT)])
     of_lag, of_height, of_place, of_mass = by_unit
 

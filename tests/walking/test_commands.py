@@ -258,7 +258,7 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real, 
     timing = tmp_path / "timing.json"
 
     def crossing_with(model):
-        walking.write_model(replace(known, lags={}, lag=model.lag), timing)
+        walking.write_model(replace(known, lags={}, lag=plate.lag), timing)
         walking.write_model(model, tmp_path / "plate.json")
         output = tmp_path / "crossing.parquet"
         walking.analyse(

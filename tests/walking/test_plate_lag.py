@@ -92,6 +92,17 @@ def test_noise_is_no_fault_and_each_fault_is_told_as_itself(fault, told, largest
     assert np.median([error for _, error in timings]) < largest_error_s
 
 
+@pytest.mark.parametrize("late", [0.0, 0.4e-3, 0.8e-3])
+def test_a_change_too_small_to_tell_is_within_the_lag_s_standard_error(late):
+    """Up to 4.5 standard errors: read as none, the lag would be off by these."""
+    random = np.random.default_rng(9)
+
+    timings = [timing_with(random, late=late)[0] for _ in range(80)]
+
+    held = [abs(timing.lag - late) < 1.96 * timing.se for timing in timings]
+    assert np.mean(held) > 0.88
+
+
 def coloured(random, correlation):
     """A track (600, 1) [m] of noise of which neighbours correlate."""
     noise = random.normal(0, 3e-4, (600, 3))

@@ -253,11 +253,11 @@ def check_vertical(force: Array, least: float) -> None:
     )
 
 
-def furthest_outside(points: Array, corners: Array) -> float:
-    """Find the largest distance [m] of points (k, 3) [m] outside the plate; 0 if all are on it.
+def outside(points: Array, corners: Array) -> Array:
+    """Distances (k,) [m] of points (k, 3) [m] from the plate's edges, seen along its normal; 0 of
+    those over it.
 
-    Points are in laboratory axes and are projected on the surface.
+    Points are in laboratory axes.
     """
-    centre = corners.mean(axis=0)
-    on_surface = (points - centre) @ plate_axes(corners)[:, :2]
-    return float(beside(on_surface, corners).max(initial=0.0))
+    on_surface = (points - corners.mean(axis=0)) @ plate_axes(corners)[:, :2]
+    return beside(on_surface, corners)

@@ -22,7 +22,7 @@ from osl_analysis.walking.plate import (
     SINGLE_SUPPORT,
     Stance,
     between,
-    furthest_outside,
+    outside,
 )
 from osl_analysis.walking.poses import Poses, StaticCalibration, marker_tracks, moved_marker
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -125,8 +125,12 @@ def crossing_quality(
     _, left_m, forward_m = load[:, :, None]
     pressure = (ankle.centre + left_m * ankle.axis + forward_m * ankle.forward)[flat]
     unlike_static = differences(trial, passage, ankle, calibration, settings)
-    above_m = passage.corners[:, 2].mean() - markers[..., 2].min()
-    what = f"the corners of force plate {settings.plate} above a marker of the foot"
+    platform = passage.poses["platform"][flat]
+    of_platform = platform.points(calibration.positions(settings.markers.platform))
+    points = np.concatenate([markers, of_platform], axis=1).reshape(-1, 3)
+    heights = points[outside(points, passage.corners) == 0, 2]
+    above_m = passage.corners[:, 2].mean() - heights.min(initial=np.inf)
+    what = f"the corners of force plate {settings.plate} above a marker that is over it"
     unlike_static[what] = max(above_m, 0.0)
     different = max(unlike_static, key=lambda what: unlike_static[what])
     return CrossingQuality(
@@ -213,7 +217,7 @@ def check_followed(
 def check_on_plate(plate: int, frames: Array, foot: Array, stance: Stance, corners: Array) -> None:
     """Refuse a foot whose markers (k, m, 3) [m] lie beside the plate while this is loaded."""
     flat = between(stance.phase(frames), FLAT)
-    outside_m = furthest_outside(foot[flat].reshape(-1, 3), corners)
+    outside_m = outside(foot[flat].reshape(-1, 3), corners).max(initial=0.0)
     if outside_m > LARGEST_OUTSIDE_M:
         raise InputError(
             f"a foot marker lies {100 * outside_m:.1f} cm beside force plate {plate} while a flat"

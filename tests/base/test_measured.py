@@ -14,7 +14,7 @@ from osl_analysis.base.trial import stretches, unit_of
 from osl_analysis.base.units import known_factor
 from osl_analysis.ingest.force_plates import beside, own_axes, plate_axes
 from osl_analysis.stats.rounding import significant
-from osl_analysis.walking.plate import furthest_outside
+from osl_analysis.walking.plate import outside
 
 
 @pytest.fixture
@@ -112,11 +112,10 @@ def test_points_beside_a_plate_are_as_far_as_from_its_nearest_edge_or_corner():
     np.testing.assert_allclose(beside(points, FACE_DOWN), [0, 0.05, 0.05], atol=1e-12)
 
 
-def test_the_furthest_point_outside_counts_in_laboratory_axes_and_at_any_height():
+def test_points_are_outside_a_plate_in_laboratory_axes_and_at_any_height():
     points = np.array([[0.31, 0.0, 0.5], [0.0, 0.25, -0.1]])
 
-    assert furthest_outside(points, FACE_DOWN) == pytest.approx(0.05)
-    assert furthest_outside(points[:0], FACE_DOWN) == 0
+    assert outside(points, FACE_DOWN) == pytest.approx([0.01, 0.05])
 
 
 def test_windows_are_from_to_pairs():

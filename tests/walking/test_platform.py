@@ -73,14 +73,18 @@ def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(trial, 
     assert unperturbed(WALK).quality.different_mm < 0.5
 
 
-def test_corners_that_lie_above_a_marker_of_the_foot_are_told():
-    """They are 5 cm too high in all recordings, and the marker 3 cm above the plate."""
-    high = raised(WALK, [0.0, 0.0, 0.05])
-    calibration = replace(CALIBRATION, corners={1: np.add(synthetic.CORNERS, [0.0, 0.0, 0.05])})
+@pytest.mark.parametrize("shift", [
+    [0, 0, 0.05],  # a marker of the foot is 3 cm above the plate
+    [0.05, 0, 0.02],  # markers of the platform are over a plate that lies there, on its surface
+])  # fmt: skip
+def test_corners_that_lie_2_cm_above_a_marker_over_them_are_told(shift):
+    """They stand otherwise in all recordings."""
+    high = raised(WALK, shift)
+    calibration = replace(CALIBRATION, corners={1: np.add(synthetic.CORNERS, shift)})
 
     quality = analyse_crossing(high, calibration, NO_CORRECTION, False, settings(), None, 0).quality
 
-    assert quality.different == "the corners of force plate 1 above a marker of the foot"
+    assert quality.different == "the corners of force plate 1 above a marker that is over it"
     assert quality.different_mm == pytest.approx(20, abs=1)
 
 

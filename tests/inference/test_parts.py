@@ -11,6 +11,7 @@ from conftest import refused_with, white_noise
 
 from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.candidate_models import (
+    CANDIDATE_MODELS,
     EQ_15,
     ModelAtValue,
     Search,
@@ -117,6 +118,29 @@ def test_the_odds_of_friction_are_the_ratio_of_both_likelihoods():
     ]
 
     assert weigh(fits, 24)[0][1][1] == pytest.approx(3 / 4)
+
+
+def test_candidates_are_sought_from_the_smallest_to_the_largest_of_benches():
+    """Delays to 30 frames, filters of 500 to 3 Hz, frames of 100 kN*m/rad to belts of 250 N*m/rad,
+    gaps of 0.03 to 1.1 deg."""
+    gaps = np.deg2rad([0.03, 1.1])
+    filters = 1 / (2 * np.pi * np.array([500, 3]))
+    data = whitened(white())
+
+    sizes = {
+        model.name: np.sort(np.abs(model.grid(data)))[[0, -1]]
+        for model in CANDIDATE_MODELS
+        if model.grid
+    }
+
+    assert sizes == {
+        "delay": pytest.approx([0, 0.03]),
+        "low-pass": pytest.approx(filters, rel=0.1),
+        "spring in series": pytest.approx([1e-5, 1 / 250]),
+        "viscoelastic branch": pytest.approx([5e-3, 0.5]),
+        "backlash": pytest.approx(gaps, rel=0.1),
+        "backlash in the mount": pytest.approx(gaps, rel=0.1),
+    }
 
 
 def test_a_second_of_noise_tells_its_density():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import white_noise
 
-from osl_analysis.signals.plateaus import LARGEST_BEND, find_leaps
+from osl_analysis.signals.plateaus import find_leaps
 
 ROWS = 2000
 RATE_HZ = 200.0
@@ -30,7 +30,7 @@ SOUND = {
     "sine": TORQUE,
     "failed reading": changed(TORQUE, 700, np.nan),
     # the largest third difference is three times the leap
-    "leap below the limit": changed(TORQUE, 700, TORQUE[700] + (0.25 * LARGEST_BEND * USUAL_BEND)),
+    "leap below the limit": changed(TORQUE, 700, TORQUE[700] + 2.5 * USUAL_BEND),
     "flickering at rest": np.where(NOISE[0] > 2.0, 0.1, 0.0),
     "white noise": NOISE[0],
     "coarse encoder": np.round(20 * np.sin(TIME)) / 20,
@@ -50,16 +50,17 @@ def test_a_steady_a_noisy_and_a_coarse_channel_are_not_accused(values):
 
 
 def test_rows_that_are_missing_are_a_gap_and_no_leap():
-    assert np.abs(np.diff(TORQUE[BESIDE_GAP], 3)).max() > LARGEST_BEND * USUAL_BEND
+    assert np.abs(np.diff(TORQUE[BESIDE_GAP], 3)).max() > 20 * USUAL_BEND
     assert find_leaps(TIME[BESIDE_GAP], TORQUE[BESIDE_GAP]).size == 0
 
 
 BORDERS = [3.5, 3.8]
 LEAPS = {
     "a flipped bit of the exponent": (TIME, changed(TORQUE, 700, 2 * TORQUE[700]), [3.5]),
-    "a sample of the torque": (
-        TIME,
-        changed(TORQUE, 700, TORQUE[700] + (2.0 * np.abs(np.diff(TORQUE, 2)).max())),
+    # the largest third difference is twice the leap
+    "a part of a short recording": (
+        TIME[500:1100],
+        np.where(TIME < 3.5, TORQUE, TORQUE + 7.5 * USUAL_BEND)[500:1100],
         [3.5],
     ),
     "a block of zeros": (TIME, changed(TORQUE, slice(700, 760), 0.0), BORDERS),

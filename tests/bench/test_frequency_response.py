@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frequency response of a joint: of sines by their cycles, of any other motion by windows."""
 
-from dataclasses import replace
-
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import chirp
-from bench_synthetic import record_of, second_order, stepped_sine, with_settings
-from scipy.interpolate import CubicSpline
+from any_motion import chirp, made_trial, multisine
+from bench_synthetic import second_order, stepped_sine, with_settings
+from shipped import CONFIG
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Calibration
 from osl_analysis.bench.frequency_response import (
@@ -19,10 +17,8 @@ from osl_analysis.bench.frequency_response import (
     with_errors,
 )
 from osl_analysis.bench.impedance import analysed
-from osl_analysis.bench.motion import periods_of, stretches_of
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE
-from osl_analysis.model.multisine import odd_multisine
-from osl_analysis.spectral.periodic import periodic_motion
 
 RATE = 250.0
 K = 200.0
@@ -117,37 +113,22 @@ def test_errors_of_the_bench_stretch_turn_and_shift_a_response(stated, magnitude
 # ---- Other motions
 
 
-def multisine(rng, realisations, periods=3):
-    """theta, omega, alpha (3, n) of odd random-phase multisines of 0.5 to 6 Hz, one after
-    another."""
-    time = np.arange(round(8 * periods * RATE)) / RATE
-    of_each = rng.integers(10_000, size=realisations).tolist()
-    angles = [0.05 * odd_multisine(time, 8.0, (0.5, 6.0), realisation) for realisation in of_each]
-    splines = [CubicSpline(time, angle) for angle in angles]
-    return np.hstack([[spline(time, order) for order in range(3)] for spline in splines])
+def multisines(rng, realisations, periods=4):
+    """theta, omega, alpha (3, n) of multisines of 0.5 to 6 Hz with rests between."""
+    return np.hstack([multisine(rng, 8.0, periods)[1] for _ in range(realisations)])
 
 
 def recorded(rng, motion, friction=0.0):
     """The record of a joint with Coulomb friction [N*m] that is moved so."""
-    theta, omega, alpha = motion
-    n = len(theta)
-    torque = K * theta + B * omega + I * alpha + friction * np.tanh(omega / 0.01)
-    torque = torque + 0.05 * rng.standard_normal(n)
-    theta = theta + 1e-4 * rng.standard_normal(n)
-    periodic = periodic_motion(theta, RATE, np.ones(n, dtype=bool))
-    inside = slice(round(2 * RATE / 15), n - round(2 * RATE / 15))
-    groups = stretches_of([inside], RATE)
-    if periodic is not None:
-        is_fitted = np.zeros(n, dtype=bool)
-        is_fitted[inside] = True
-        groups = periods_of(periodic, RATE, is_fitted)
-    record = record_of(np.arange(n) / RATE, theta, torque, groups)
-    return replace(record, periodic=periodic, band_hz=(0.5, 6.0))
+    time = np.arange(motion[0].size) / RATE
+    rubs = friction * np.tanh(motion[1] / 0.01)
+    trial = made_trial(rng, (time, motion), more=rubs, K=K, B=B, I=I)
+    return record_of_trial(trial, CONFIG.dynamometer.model_copy(update={"excitation": "any"}))
 
 
 @pytest.mark.parametrize(
     "motion_of",
-    [lambda rng: chirp(rng, band=(0.4, 6.4))[1], lambda rng: multisine(rng, 4)],
+    [lambda rng: chirp(rng, band=(0.4, 6.4))[1], lambda rng: multisines(rng, 4)],
     ids=["windows", "periods"],
 )
 def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(motion_of):
@@ -187,7 +168,7 @@ def test_intervals_beside_friction_hold_what_other_phases_would_give():
     tables = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        tables.append(table_of_record(recorded(rng, multisine(rng, 4), friction=2.0)))
+        tables.append(table_of_record(recorded(rng, multisines(rng, 4), friction=2.0)))
 
     covered = []
     for name in ("magnitude", "phase_deg"):
@@ -199,7 +180,7 @@ def test_intervals_beside_friction_hold_what_other_phases_would_give():
 def test_one_realisation_has_a_response_and_no_interval():
     rng = np.random.default_rng(1)
 
-    table = table_of_record(recorded(rng, multisine(rng, 1, periods=4)))
+    table = table_of_record(recorded(rng, multisines(rng, 1)))
 
     assert len(table) > 8
     assert table["magnitude"].null_count() == 0

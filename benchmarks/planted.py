@@ -538,7 +538,12 @@ CAUSES = [
         "backlash, no hysteresis",
         backlash,
         0.1 * DEG,
-        ("backlash", "backlash, speed or direction", "K that changes with amplitude", *FRICTION),
+        (
+            "backlash",
+            "backlash, speed or direction",
+            "K that changes with amplitude beyond friction",
+            *FRICTION,
+        ),
         "rad",
     ),
     Cause(
@@ -561,14 +566,14 @@ CAUSES = [
         "hardening spring",
         hardening_spring,
         2200.0,
-        ("K that changes with amplitude",),
+        ("K that changes with amplitude beyond friction",),
         "N*m/rad^3",
     ),
     Cause(
         "hardening spring, slow noise",
         hardening_spring,
         2200.0,
-        ("K that changes with amplitude",),
+        ("K that changes with amplitude beyond friction",),
         "N*m/rad^3",
         recorder=SLOW,
     ),
@@ -576,7 +581,7 @@ CAUSES = [
         "clipped torque",
         clipped,
         0.3,
-        ("clipped signal", "K that changes with amplitude"),
+        ("clipped signal", "K that changes with amplitude beyond friction"),
         "of the range",
     ),
     Cause(
@@ -590,7 +595,7 @@ CAUSES = [
         "K by direction",
         stiffness_by_direction,
         0.3,
-        ("backlash, speed or direction", "K that changes with amplitude"),
+        ("backlash, speed or direction", "K that changes with amplitude beyond friction"),
         "of K",
     ),
     Cause(

@@ -49,7 +49,12 @@ CASES = [
     Case("lost rows", "bursts", lost=0.01),
     Case("slow torque", "bursts", slow=0.03),
     Case("bristles", "ramps", "friction", bristles=0.03),
-    Case("hardening spring", "bursts", "K that changes with amplitude", hardening=0.15),
+    Case(
+        "hardening spring",
+        "bursts",
+        "K that changes with amplitude beyond friction",
+        hardening=0.15,
+    ),
     Case("filtered torque", "bursts", "late torque", torque_filter_s=2e-3),
     Case("late stamps", "ramps", "stamps", late_stamps_s=5e-4),
     Case("clipped torque", "bursts", "clipped", is_clipped=True),

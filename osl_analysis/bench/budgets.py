@@ -13,7 +13,7 @@ import polars as pl
 
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.lags import Belt
-from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.record import Record
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.inference import ImpedanceInference
 from osl_analysis.stats.budget import (
@@ -128,22 +128,22 @@ class WhatElse:
     belt: Belt  # of a leg
     joint: ImpedanceInference | None  # of a joint: the candidate models; None: not weighed
     is_friction_untold: bool  # whether the motion does not tell friction from damping
-    without_friction: Mapping[Label, LinearFit]  # where friction is certain
-    ranges: Row  # the range of estimates over amplitudes and frequencies
+    without_friction: LinearFit | None  # where friction is certain
+    ranges: Mapping[str, tuple[float, float]]  # of estimates over amplitudes and frequencies
     gains_are_known: bool  # and tell a wrong gain of torque over angle
 
 
 def over_motion(found: WhatElse, name: str) -> list[Contribution]:
-    """Half of the range of an estimate over the motion. Where most of it is a change from the
-    smallest to the largest amplitude, beyond noise, it has a name: a stiffening spring, or
+    """Half of the range of an estimate over the motion. Where most of it is a change of Eq. 15 from
+    the smallest to the largest amplitude, beyond noise, it has a name: a stiffening spring, or
     backlash, raises K, and friction lowers K and B."""
-    low, high = found.ranges.get(f"{name}_range_low"), found.ranges.get(f"{name}_range_high")
-    if not (isinstance(low, float) and isinstance(high, float)):
+    if name not in found.ranges:
         return []
+    low, high = found.ranges[name]
     source = "amplitude"
     fits = found.analysis.fits
     labels = sorted(label for label in fits if isinstance(label, float))
-    if len(labels) > 1:
+    if name in QUANTITIES and len(labels) > 1:
         small, large = fits[labels[0]], fits[labels[-1]]
         change = large[name] - small[name]
         noise = np.hypot(small.half_width(name), large.half_width(name))
@@ -203,23 +203,23 @@ def unchecked(found: WhatElse, name: str) -> list[Contribution]:
 
 def with_other_contributions(found: WhatElse, own: Mapping[str, Budget]) -> dict[str, Budget]:
     """The estimates of a whole trial with what another motion, a fault, and what was not checked
-    would change, source by source; and, where friction is taken off, with what it changes."""
+    would change, source by source; and, where friction is certain, those without it, and what it
+    changes."""
     stated = stated_models(found.analysis.record)
+    less = found.without_friction
     complete = dict(own)
+    if less and "T_C" in less.names:
+        complete["f_C"] = less.budget("T_C")
     for k, name in enumerate(QUANTITIES):
-        without = WITHOUT_FRICTION[name]
-        common = [
-            *over_motion(found, name),
-            *other_stamps(found.analysis, name),
-            *certain_lag(found, name),
-        ]
+        common = [*other_stamps(found.analysis, name), *certain_lag(found, name)]
         if found.joint:
             common += alternatives(found.joint, stated, k)
         common += unchecked(found, name)
-        complete[name] = own[name].plus(*common)
-        if without in own:
-            complete[without] = own[without].plus(*common)
-            half = abs(own[name].value - own[without].value) / 2
+        complete[name] = own[name].plus(*over_motion(found, name), *common)
+        if less:
+            without = WITHOUT_FRICTION[name]
+            complete[without] = less.budget(name).plus(*over_motion(found, without), *common)
+            half = abs(own[name].value - less[name]) / 2
             friction = Contribution("friction", half, basis="measured", part="motion")
             complete[name] = complete[name].plus(friction)
     return complete

@@ -12,7 +12,7 @@ from osl_analysis.bench.budgets import WhatElse, fit_tables, with_other_contribu
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
     actuator_of_leg,
-    coulomb_fits,
+    coulomb_fit,
     fit_less,
     frictionless_leg,
     inferred_of_joint,
@@ -169,9 +169,13 @@ def impedance_table(
         }
         if desired.K_d is not None and desired.B_d is not None:
             row["torque_error"] = torque_error(analysis.sums, label, desired.K_d, desired.B_d)
-        budgets = estimates_of(analysis, found, label)
+        budgets = analysis.budgets(label, *QUANTITIES)
+        if found.belt.lag:
+            budgets["lag_s"] = found.belt.lag.budget("lag_s")
         if label is None:
-            row.update(found.ranges)
+            for name in (*QUANTITIES, WITHOUT_FRICTION["B"]):
+                ends = found.ranges.get(name, (None, None))
+                row[f"{name}_range_low"], row[f"{name}_range_high"] = ends
             budgets = with_other_contributions(found, budgets)
             if rendered:
                 row["VAF_rendered"] = rendered.VAF
@@ -211,47 +215,33 @@ def what_else(
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
     if of_leg and "theta_m" not in record.actuator:
         is_certain = False  # the drivetrain passes for friction of the joint
-    coulomb = coulomb_fits(s, analysis, is_certain)
-    certain = {label: fit for label, fit in coulomb.items() if fit is not None}
+    is_told, coulomb = coulomb_fit(s, analysis, is_certain)
+    without = coulomb
     column = "T_C"
     if isinstance(inferred, FrictionlessActuator) and is_certain:
         # it acts behind the belt, where its size need not show
-        s, certain[None] = frictionless_leg(analysis, inferred)
+        s, without = frictionless_leg(analysis, inferred)
         column = "friction"
-    elif joint and is_certain and None in certain:
-        certain[None] = with_other_shapes(certain[None], joint)
-    whole = certain.get(None)
+    elif joint and coulomb:
+        without = with_other_shapes(coulomb, joint)
     parts = list(parts_of(record, s))
     fit_part = partial(fit_groups, model=IMPEDANCE)
-    ranges = range_over(parts, fit_part, analysis.whole, {name: name for name in QUANTITIES})
-    if whole is not None:
-        size = whole["T_C"] if "T_C" in whole.names else 1.0
+    ranges = range_over(parts, fit_part, analysis.whole)
+    if without:
+        size = without["T_C"] if "T_C" in without.names else 1.0
         fit_part = partial(fit_less, column=column, size=size)
-        ranges |= range_over(parts, fit_part, whole, {"B": "B_viscous"})
+        less = range_over(parts, fit_part, without)
+        ranges |= {WITHOUT_FRICTION[name]: ends for name, ends in less.items()}
     return WhatElse(
         analysis=analysis,
         belt=belt_of_leg(record, p) if p and of_leg and "theta_m" in record.actuator else Belt(),
         joint=joint,
         is_friction_untold=not (of_leg and inferred)
-        and is_friction_untold(s, analysis, coulomb, inferred is not None),
-        without_friction=certain,
+        and is_friction_untold(s, analysis, is_told, coulomb, inferred is not None),
+        without_friction=without,
         ranges=ranges,
         gains_are_known=gains_are_known,
     )
-
-
-def estimates_of(analysis: Analysis, found: WhatElse, label: Label) -> dict[str, Budget]:
-    """The estimates of a label with their own budgets: of Eq. 15, without friction where this is
-    certain, and the lag of a leg."""
-    budgets = analysis.budgets(label, *QUANTITIES)
-    without = found.without_friction.get(label)
-    if without is not None:
-        for name, column in WITHOUT_FRICTION.items():
-            if name in without.names:
-                budgets[column] = without.budget(name)
-    if found.belt.lag:
-        budgets["lag_s"] = found.belt.lag.budget("lag_s")
-    return budgets
 
 
 def beside_known(

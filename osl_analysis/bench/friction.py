@@ -8,7 +8,6 @@ as of bristles: what these change is in the budget of the estimates. A leg's fri
 a spring: its effect is told by the actuator's angle.
 """
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 
@@ -18,7 +17,7 @@ from osl_analysis.base.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.motion import EDGE_PERIODS
-from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     BEYOND,
     IMPEDANCE,
@@ -51,15 +50,14 @@ CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine i
 SEEN_SHARE = 0.02
 
 
-def coulomb_fits(
-    s: Sums, analysis: Analysis, whole_is_certain: bool | None = None
-) -> dict[Label, LinearFit | None]:
-    """The model's estimates for the torque less its Coulomb friction `T_C` [N*m] by label, None
-    where this is not certain; labels whose motion does not tell it from damping are absent.
+def coulomb_fit(
+    s: Sums, analysis: Analysis, is_certain: bool | None = None
+) -> tuple[bool, LinearFit | None]:
+    """Fit the model to the torque of all of a trial less its Coulomb friction.
 
     A joint that mostly rests moves by steps between a few levels: each has the same speeds, at
     which friction and damping are one number, and at rest the velocity has no sign but that of
-    noise. Then all labels are absent.
+    noise. Of a single amplitude there is no such fit: there, too, both are nearly one number.
 
     No recording shows over which velocity the sign changes: what a tenth of the width changes is
     taken for a standard uncertainty.
@@ -70,41 +68,38 @@ def coulomb_fits(
         The sums of the record with all effects.
     analysis : Analysis
         The model's fits, one of whose columns is the velocity.
-    whole_is_certain : bool, optional
-        Whether the whole trial has friction, where that is known; by default this fit decides.
+    is_certain : bool, optional
+        Whether the trial has friction, where that is known; by default this fit decides.
+
+    Returns
+    -------
+    is_told : bool
+        Whether the motion tells friction from damping.
+    fit : LinearFit or None
+        The estimates and the friction `T_C` [N*m]; None where this is not certain.
     """
     velocity = analysis.record.motion.omega[analysis.record.is_fitted()]
     if np.mean(np.abs(velocity) < AT_REST * velocity.std()) > MOST_REST:
-        return {}
+        return False, None
     model = analysis.model
-    fits: dict[Label, LinearFit | None] = {}
-    for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
-        sums = s.chosen(s.groups.of(label))
-        found = None
-        try:
-            smooth = friction_beside(sums, model, "T_C")
-            is_certain = smooth.certain("T_C") and smooth["T_C"] > 0
-            if whole_is_certain is None:
-                whole_is_certain = is_certain
-            if is_certain and whole_is_certain:
-                fit = without_friction(sums, model, smooth)
-                sharp = friction_beside(sums, model, "T_C_sharp")
-                of_width = without_friction(sums, model, sharp).estimates - fit.estimates
-                fit = fit.with_known_error("friction_sign", of_width)
-                found = with_errors_of(analysis, fit, label)
-        except IdentifiabilityError:
-            continue
-        fits[label] = found
-    return fits
+    try:
+        smooth = friction_beside(s, model, "T_C")
+        if is_certain is False or not smooth.certain("T_C") or smooth["T_C"] <= 0:
+            return True, None
+        fit = without_friction(s, model, smooth)
+        sharp = friction_beside(s, model, "T_C_sharp")
+        of_width = without_friction(s, model, sharp).estimates - fit.estimates
+    except IdentifiabilityError:
+        return False, None
+    return True, with_errors_of(analysis, fit.with_known_error("friction_sign", of_width))
 
 
-def with_errors_of(analysis: Analysis, fit: LinearFit, label: Label) -> LinearFit:
-    """A fit without friction with the errors that the model's own fit to a label has beside its
-    scatter."""
-    for source, change in analysis.fits[label].known_errors:
+def with_errors_of(analysis: Analysis, fit: LinearFit) -> LinearFit:
+    """A fit without friction with the errors that the model's own has beside its scatter."""
+    for source, change in analysis.whole.known_errors:
         padded = np.pad(change, (0, len(fit.names) - len(change)))
         fit = fit.with_known_error(source, padded)
-    return analysis.with_bench_errors(fit, label)
+    return analysis.with_bench_errors(fit, None)
 
 
 def friction_beside(s: Sums, model: Model, column: str) -> LinearFit:
@@ -209,7 +204,7 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tupl
     of_bounds = by_torque @ of_hysteresis[rows] / np.sqrt(3)  # a rectangular distribution
     errors = np.vstack([of_blocks, of_formula, of_bounds])
     fit = fit.with_known_error("friction_shape", np.linalg.norm(errors, axis=0))
-    return sums, with_errors_of(analysis, fit, None)
+    return sums, with_errors_of(analysis, fit)
 
 
 def fit_less(s: Sums, column: str, size: float) -> LinearFit:
@@ -238,14 +233,14 @@ def with_other_shapes(fit: LinearFit, joint: ImpedanceInference) -> LinearFit:
 
 
 def is_friction_untold(
-    s: Sums, analysis: Analysis, coulomb: Mapping[Label, LinearFit | None], is_weighed: bool
+    s: Sums, analysis: Analysis, is_told: bool, coulomb: LinearFit | None, is_weighed: bool
 ) -> bool:
     """Whether the motion of a joint does not tell friction from damping: the column is collinear
-    with it (no fit among `coulomb`), or takes a part of the damping that the inference, where it
+    with it (not `is_told`), or takes a part of the damping that the inference, where it
     `is_weighed`, does not see."""
-    if None not in coulomb:
+    if not is_told:
         return True
-    if coulomb[None] is not None or not is_weighed:
+    if coulomb is not None or not is_weighed:
         return False
     friction = friction_beside(s, analysis.model, "T_C")
     if not friction.certain("T_C"):

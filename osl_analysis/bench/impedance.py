@@ -30,7 +30,7 @@ from osl_analysis.bench.regression import (
 from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals.filters import LowPass, sections_of, seven_point_motion
-from osl_analysis.stats.budget import Budget, Row
+from osl_analysis.stats.budget import QUANTITIES, Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit, products_between, solved
 
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
@@ -426,18 +426,14 @@ def range_over(
     parts: Sequence[Sums],
     fit: Callable[[Sums], LinearFit],
     whole: LinearFit,
-    columns: Mapping[str, str],
-) -> Row:
-    """The lowest and the highest of some estimates of the whole motion and of its parts, in
-    `columns` by their names; empty where no part tells them."""
+) -> dict[str, tuple[float, float]]:
+    """The lowest and the highest of each estimate of the whole motion and of its parts; empty where
+    no part tells them."""
     fits = [whole]
     for part in parts:
         with suppress(IdentifiabilityError):
             fits.append(fit(part))
-    row: Row = {}
-    if len(fits) > 1:
-        for name, column in columns.items():
-            values = [each[name] for each in fits]
-            row[f"{column}_range_low"] = min(values)
-            row[f"{column}_range_high"] = max(values)
-    return row
+    if len(fits) == 1:
+        return {}
+    values = {name: [each[name] for each in fits] for name in QUANTITIES}
+    return {name: (min(of_fits), max(of_fits)) for name, of_fits in values.items()}

@@ -16,7 +16,7 @@ from osl_analysis.base.errors import InputError, naming
 from osl_analysis.base.trial import Array, Trial
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_models
-from osl_analysis.bench.friction import coulomb_fits, inferred_of_joint
+from osl_analysis.bench.friction import coulomb_fit, inferred_of_joint
 from osl_analysis.bench.impedance import Analysis, analysed
 from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes
@@ -281,20 +281,19 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
     which shows it."""
     record = analysis.record
     s = sums_of(record)
-    friction = coulomb_fits(s, analysis)
+    _, without = coulomb_fit(s, analysis)
     fits = []
     for label in analysis.fits:
         budgets = analysis.budgets(label, *LOSSES)
-        certain = friction.get(label)
-        viscous: LinearFit = certain or analysis.calibrated[label]
-        budgets["B_j_viscous"] = viscous.budget("B_j")
-        if label is None:
-            budgets |= with_faults(analysis, budgets, s)
         row: Row = {
             **analysis.place(label),
             **analysis.diagnostics(label),
             "load_cell_drift": 60 * analysis.whole["drift"],
-            "T_C": certain["T_C"] if certain else None,
         }
+        if label is None:
+            viscous: LinearFit = without or analysis.calibrated[label]
+            budgets["B_j_viscous"] = viscous.budget("B_j")
+            budgets |= with_faults(analysis, budgets, s)
+            row["T_C"] = without["T_C"] if without else None
         fits.append((row, budgets))
     return fit_tables("transmission", *fits)

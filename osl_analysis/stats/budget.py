@@ -88,13 +88,8 @@ class Contribution:
 
 FIELDS = [field.name for field in fields(Contribution)]
 QUANTITIES = ("K", "B", "I")  # of Eq. 15
-WITHOUT_FRICTION = {
-    "T_C": "f_C",
-    "B": "B_viscous",
-    "K": "K_without_friction",
-    "I": "I_without_friction",
-}
-"""Columns of a friction, and of K, B and I without it."""
+WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
+"""Columns of K, B and I without friction."""
 UNITS = {
     "K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
     "K_d_rendered": "N*m/rad", "B_d_rendered": "N*m*s/rad", "loop_delay_s": "s",

@@ -30,7 +30,7 @@ from osl_analysis.bench.bench_settings import (
     Fixture,
 )
 from osl_analysis.bench.calibration import with_fixture
-from osl_analysis.bench.friction import coulomb_fits
+from osl_analysis.bench.friction import coulomb_fit
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.regression import IMPEDANCE, sums_of
 from osl_analysis.commands.fit import run_fit
@@ -109,7 +109,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     for stated in ({}, {"torque_gain": 0.02}, {"hysteresis": 0.02}):
         own = with_settings(record, calibration=Calibration(**stated))
         analysis = analysed(own, IMPEDANCE)
-        fits.append(coulomb_fits(sums_of(own), analysis)[None])
+        fits.append(coulomb_fit(sums_of(own), analysis)[1])
     plain, gain, loop = fits
     more = [
         np.sqrt(fit.se(name) ** 2 - plain.se(name) ** 2)

@@ -52,9 +52,9 @@ def rubbing(motion):
 
 def test_coulomb_friction_is_named_and_has_its_size():
     *single, whole = rows(rubbing)
-    for row in (*single, whole):
-        assert row["f_C"] == pytest.approx(0.8, rel=0.01)
-        assert row["B_viscous"] == pytest.approx(4, abs=0.05)
+    assert {row["B_viscous"] for row in single} == {None}  # one amplitude hardly tells it
+    assert whole["f_C"] == pytest.approx(0.8, rel=0.01)
+    assert whole["B_viscous"] == pytest.approx(4, abs=0.05)
     assert whole["B_viscous_low"] < 4 < whole["B_viscous_high"]
     assert whole["K_without_friction"] == pytest.approx(200, rel=1e-3)
     assert whole["I_without_friction"] == pytest.approx(0.05, rel=0.01)
@@ -192,7 +192,7 @@ def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     lag = LinearFit(("lag_s",), *numbers)
 
     analysis = SimpleNamespace(whole={"K": 300.0, "B": 2.0})
-    found = WhatElse(analysis, Belt(lag=lag), None, False, {}, {}, False)
+    found = WhatElse(analysis, Belt(lag=lag), None, False, None, {}, False)
 
     assert not certain_lag(found, "K")
     assert certain_lag(found, "B")[0].standard == pytest.approx(3)

@@ -86,6 +86,9 @@ def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
     assert row["B_viscous"] == pytest.approx(5, rel=0.02)
     (change,) = contributions(sound_tables("friction"), "B", source="friction")["standard"]
     assert 2 * change == pytest.approx(row["B"] - row["B_viscous"])
+    (half,) = contributions(sound_tables("friction"), "B_viscous", part="motion")["standard"]
+    assert 2 * half == pytest.approx(row["B_viscous_range_high"] - row["B_viscous_range_low"])
+    assert 4 * half < row["B_range_high"] - row["B_range_low"]
 
 
 def test_friction_that_the_column_alone_sees_is_untold():
@@ -94,17 +97,17 @@ def test_friction_that_the_column_alone_sees_is_untold():
     for size in (0.3, 0.0):
         record = record_with(more=lambda t, x, v, a, size=size: size * np.tanh(v / 2e-3))
         analysis = rendered_impedance(record)
-        told.append(is_friction_untold(sums_of(record), analysis, {None: None}, is_weighed=True))
+        told.append(is_friction_untold(sums_of(record), analysis, True, None, is_weighed=True))
 
     assert told == [True, False]
-    assert is_friction_untold(sums_of(record), analysis, {}, is_weighed=True)
+    assert is_friction_untold(sums_of(record), analysis, False, None, is_weighed=True)
 
 
 FAULTS = {
     "torque path": {"late": 3e-3},
     "change over time": {"more": lambda t, x, *_: -45 * (t > 0.6 * t[-1]) * x},
     "backlash, speed or direction": {"more": lambda t, x, v, a: 2 * np.abs(v)},
-    "K that changes with amplitude": {"more": lambda t, x, *_: 20000 * x**3},
+    "K that changes with amplitude beyond friction": {"more": lambda t, x, *_: 20000 * x**3},
 }
 
 
@@ -119,7 +122,9 @@ def test_a_fault_is_doubted_by_its_cause_and_a_property_of_the_joint_told(cause)
     told, doubted = (causes_of(tables, grade) for grade in (Grade.NOTES, Grade.DOUBTS))
     told = [each for each in told if each != "wide interval"]
 
-    assert (told if cause == "K that changes with amplitude" else doubted) == [cause]
+    assert (told if cause == "K that changes with amplitude beyond friction" else doubted) == [
+        cause
+    ]
     assert told + doubted == [cause]
 
 

@@ -58,6 +58,8 @@ from osl_analysis.report.numbers import (
     to_json,
 )
 from osl_analysis.report.paper_tables import (
+    DAGGER,
+    WIDTHS,
     component_rows,
     condition_rows,
     conditions,
@@ -341,7 +343,9 @@ def write_paper_table(
     `walking_summary.csv`, or else the components in summaries of the bench and in the parameter
     file, with the draft's values if `beside_draft`."""
     read = read_by_name(tables)
+    note = DAGGER
     if "budget" in read:
+        note = WIDTHS
         means = [table for name, table in read.items() if name.endswith("_summary")]
         rows = interval_rows(read["budget"], read.get("impedance", pl.DataFrame()), means)
     elif "impedance" in read:
@@ -357,8 +361,9 @@ def write_paper_table(
             shares = pl.col("mean", "low", "high") / stated["n_m"]
             read["k_tau"] = product.with_columns(shares, quantity=pl.lit("k_tau"))
         rows = component_rows(read, stated, beside_draft)
-    write_text(tex, tex_for_paper(rows, sentence(about)))
-    write_text(markdown, markdown_for_paper(rows, sentence(about)))
+    made_of = f"{sentence(about)}. {note}"
+    write_text(tex, tex_for_paper(rows, made_of))
+    write_text(markdown, markdown_for_paper(rows, made_of))
 
 
 FITTED_ON_BENCH = {facts.tables[0].name for facts in EXPERIMENTS.values() if facts.place == "bench"}

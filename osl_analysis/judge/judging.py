@@ -74,11 +74,11 @@ class Judged:
         """What a source would change, in words."""
         return f"{self.name} by up to {significant(by or 0.0)} {self.unit}"
 
-    def width(self, half: float) -> str:
-        """How wide its interval is, beside what is needed, in words."""
-        largest = max(self.budget.of_parts(*IN_INTERVAL), key=lambda each: each.size)
+    def width(self, name: str, budget: Budget) -> str:
+        """How wide its interval is, or that without friction, beside what is needed, in words."""
+        largest = max(budget.of_parts(*IN_INTERVAL), key=lambda each: each.size)
         return (
-            f"{self.judged} is known to {significant(half)} {self.unit}, most of it"
+            f"{name} is known to {significant(budget.half_width())} {self.unit}, most of it"
             f" {largest.source.replace('_', ' ')}, and {significant(self.needed)} is needed"
         )
 
@@ -293,13 +293,16 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
             change = 2 * each.size  # from one end of the range to the other
             told = sizes.get(each.source, (estimate.needed, ""))[0]
             if each.source in FINDINGS and change > told:
-                sizes[each.source] = (change, estimate.moved(change))
-        if estimate.verdict.name == WIDE:
-            half = estimate.budget.half_width()
-            sizes[WIDE_INTERVAL] = (half, estimate.width(half))
+                detail = f" ({each.detail})" if each.detail else ""
+                sizes[each.source] = (change, estimate.moved(change) + detail)
         for source, (size, text) in sizes.items():
             beyond = Beyond(estimate.name, size, estimate.needed, "above", source)
             remarks.setdefault(source, {})[beyond] = text
+        for name, budget in {estimate.name: estimate.own, estimate.judged: estimate.budget}.items():
+            half = budget.half_width()
+            if half > estimate.needed and not estimate.verdict.rows:
+                beyond = Beyond(name, half, estimate.needed, "above", WIDE_INTERVAL)
+                remarks.setdefault(WIDE_INTERVAL, {})[beyond] = estimate.width(name, budget)
     return [
         of_estimates(source, Grade.NOTES, list(texts), ", ".join(texts.values()))
         for source, texts in remarks.items()
@@ -386,12 +389,15 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
 
 def short_list(findings: Sequence[Finding], are_doubts: bool) -> str | None:
     """The doubts about a row in one cell, or what else was found; None without any. It says which
-    estimates a doubt is about where a budget tells it, and what could not be checked."""
+    estimates a doubt or a wide interval is of where a budget tells it, and what could not be
+    checked."""
     texts = []
     for finding in findings:
         is_doubt = finding.grade is Grade.DOUBTS
-        about = ", ".join(finding.estimates) if is_doubt else ""
-        if finding.grade is Grade.UNCHECKED:
+        about = ""
+        if is_doubt or finding.name == WIDE_INTERVAL:
+            about = ", ".join(finding.estimates)
+        elif finding.grade is Grade.UNCHECKED:
             about = finding.grade
         if is_doubt == are_doubts:
             texts.append(": ".join(filter(None, [about, finding.cause])))
@@ -440,6 +446,15 @@ def results_in(remarks: str | None) -> list[str]:
     """Those findings in a cell of the column `remarks` that are properties of the device."""
     titles = (remarks or "").split(BETWEEN)
     return [kind.title for kind in FINDINGS.values() if kind.is_result and kind.title in titles]
+
+
+def wide_in(remarks: str | None) -> list[str]:
+    """The estimates whose intervals are wider than is needed, by a cell of the column `remarks`."""
+    for text in (remarks or "").split(BETWEEN):
+        names, _, title = text.partition(": ")
+        if title == known_finding(WIDE_INTERVAL).title:
+            return names.split(", ")
+    return []
 
 
 def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:

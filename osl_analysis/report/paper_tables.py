@@ -13,9 +13,9 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.base.files import own_yaml
-from osl_analysis.judge.judging import results_in
+from osl_analysis.judge.judging import results_in, wide_in
 from osl_analysis.report.typography import in_latex, in_markdown, markdown_table, template
-from osl_analysis.stats.budget import IN_INTERVAL, QUANTITIES, WIDE, WITHOUT_FRICTION, budgets_in
+from osl_analysis.stats.budget import IN_INTERVAL, WIDE, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 from osl_analysis.stats.rounding import (
     NOTHING,
@@ -27,16 +27,19 @@ from osl_analysis.stats.rounding import (
 )
 
 CONDITION_KEYS = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
-LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
+LATEX, HEADS, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
 STATED_COLUMNS = ("controller", "K_d", "B_d")
-PRINTED_ESTIMATES = ("K", "B", "B_viscous", "I", "VAF")
-BUDGETED = PRINTED_ESTIMATES[:-1]
 LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
 DAGGER = (
     "†: doubtful. Numbers are of the trials that are not doubtful; a condition whose trials are all"
-    " doubtful has none. The number of a group of crossings is of all of its crossings."
+    " doubtful has none. The number of a group of crossings is of all of its crossings"
+)
+WIDTHS = (
+    "repeatability, sensor, bench, all: half of the 95 % interval of one trial, by part and by all"
+    " of them; range: half of the range over amplitudes and frequencies; each the median over n"
+    " trials. mean of n: half of the 95 % interval of their mean"
 )
 
 
@@ -69,7 +72,7 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     keys = [name for name in present if whole[name].n_unique() > 1]
     if not keys:  # one condition: what the sheet states of it
         keys = [name for name in present if whole[name][0] not in (None, "")]
-    symbols = [name for name in PRINTED_ESTIMATES if whole[name].count()]
+    symbols = [name for name in HEADS if whole[name].count()]
     parts = whole.sort(keys).partition_by(keys) if keys else [whole]
     of_conditions = []
     for fits in parts:
@@ -95,19 +98,10 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
                 results=list(dict.fromkeys(results)),
                 estimates=estimates,
                 ranges=ranges,
-                wide=wide_estimates(first) if len(fits) == 1 else (),
+                wide=wide_in(first["remarks"]) if len(fits) == 1 else (),
             )
         )
     return of_conditions
-
-
-def wide_estimates(fit: Mapping[str, Any]) -> list[str]:
-    """Which estimates of a fit are known less well than is needed; where friction is certain, those
-    without it are judged."""
-    wide = [name for name in QUANTITIES if fit.get(f"{name}_verdict") == WIDE]
-    if fit.get("B_viscous") is None:
-        return wide
-    return [WITHOUT_FRICTION[name] for name in wide]
 
 
 def range_text(fits: pl.DataFrame, symbol: str) -> str:
@@ -165,7 +159,7 @@ def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
     """The table of conditions or of groups, with the number of trials that count. † marks a
     doubtful one; where none counts there are no numbers."""
     first = of_conditions[0]
-    rows = [[*(first.stated or ["condition"]), "n", *first.estimates]]
+    rows = [[*(first.stated or ["condition"]), "n", *(HEADS[name] for name in first.estimates)]]
     for condition in of_conditions:
         *labels, last = condition.stated.values() or [NOTHING]
         marked = [*labels, f"{last}†" if condition.is_doubtful else last]
@@ -178,24 +172,26 @@ def interval_rows(
     budget: pl.DataFrame, impedance: pl.DataFrame, means: Sequence[pl.DataFrame]
 ) -> list[list[str]]:
     """What makes the intervals of K, B and I by controller, and of the components: half-widths of
-    one trial by part and of all parts, and half of the range over motions, each the median over n
-    trials; and the half-width of the mean over trials, of components (`means`), whose trials
+    one trial by part and of all parts, and half of the range over its motion, each the median over
+    n trials; and the half-width of the mean over trials, of components (`means`), whose trials
     scatter."""
-    controller_of = {row["trial"]: row["controller"] for row in impedance.to_dicts()}
+    fits = {row["trial"]: row for row in impedance.to_dicts()}  # the last is of all of a trial
     half_of_mean = {
         row["quantity"]: (row["high"] - row["low"]) / 2
         for summary in means
         for row in summary.drop_nulls("low").to_dicts()
     }
     title_of = {component["quantity"]: title for title, component in COMPONENTS.items()}
-    title_of.update({name: name for name in BUDGETED})
+    title_of.update(HEADS)
     widths_of: dict[tuple[str, str], list[list[float]]] = {}
     whole = budget.filter(pl.col("amplitude_deg").is_null(), pl.col("estimate").is_in(title_of))
     for (trial, name), rows in whole.group_by("trial", "estimate", maintain_order=True):
         (found,) = budgets_in(rows.to_dicts(), {str(name): 0.0}).values()
         parts = [found.half_width(part) for part in IN_INTERVAL]
-        widths = [*parts, found.half_width(), found.half_range]
-        controller = controller_of.get(str(trial)) or NOTHING
+        fit = fits.get(trial, {})
+        ends = [fit.get(f"{name}_range_{end}") or 0.0 for end in ("low", "high")]
+        widths = [*parts, found.half_width(), (ends[1] - ends[0]) / 2]
+        controller = fit.get("controller") or NOTHING
         widths_of.setdefault((controller, str(name)), []).append(widths)
     table = [["controller", "estimate", "n", *IN_INTERVAL, "all", "range", "mean of n"]]
     for (controller, name), of_trials in widths_of.items():
@@ -233,7 +229,7 @@ def tex_for_paper(rows: list[list[str]], origin: str) -> str:
         "signs": lambda line: re.sub(r"(?<!\w)-(?=\d)", "$-$", line),
     }
     table = template("table.tex.j2", filters, keep_trailing_newline=True)
-    return table.render(rows=rows, origin=origin, dagger=DAGGER)
+    return table.render(rows=rows, origin=origin)
 
 
 def latex_cell(text: str) -> str:
@@ -245,4 +241,4 @@ def latex_cell(text: str) -> str:
 
 def markdown_for_paper(rows: list[list[str]], origin: str) -> str:
     """The table in Markdown, and what it is made of."""
-    return f"{markdown_table(rows)}\n{in_markdown(origin)}. {DAGGER}\n"
+    return f"{markdown_table(rows)}\n{in_markdown(origin)}.\n"

@@ -200,10 +200,11 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
     lines += map(finding_line, told[:room])
     rest = []
     if len(told) > room:
-        rest.append(f"{len(told) - room} more on the page")
+        rest.append(f"further findings on the page: {len(told) - room}")
     unchecked = causes_not_checked(findings)
     if unchecked:
-        rest.append(f"not checked: {' '.join(first_of(unchecked, 1))}")
+        texts = first_of(unchecked, 1, " that the page lists")
+        rest.append(f"not checked: {' '.join(texts)}")
     if rest:
         lines.append("; ".join(rest))
     return [line if len(line) <= LINE else shortened(line, LINE - len(" ...")) for line in lines]

@@ -9,7 +9,7 @@ from conftest import findings_of
 
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.judge.finding import Accuracy, Grade, Limits, finding_text
-from osl_analysis.judge.judging import judged, marked, results_in, verdicts_of
+from osl_analysis.judge.judging import judged, marked, results_in, verdicts_of, wide_in
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
 from osl_analysis.stats.repeats import concerns, is_doubtful
@@ -130,8 +130,26 @@ def test_what_another_motion_changes_is_a_remark_with_its_size():
     (remark,) = of_knee({"K": [stiffening]})
 
     assert (remark.grade, remark.is_result, remark.size) == (
-        Grade.NOTES, True, "K by up to 8 N*m/rad",
+        Grade.NOTES, True, "K by up to 8 N*m/rad (over amplitudes)",
     )  # fmt: skip
+
+
+def test_an_interval_without_friction_is_wide_under_its_own_name(monkeypatch):
+    monkeypatch.setitem(KNEE, "B_viscous", 2.0)
+    narrow, wide = (scatter(size, 900) for size in (0.01, 0.3))
+
+    found = of_knee({"B": [narrow], "B_viscous": [wide]})
+    both = of_knee({"B": [wide], "B_viscous": [wide]})
+
+    assert verdicts_of(found)["B"] == "clear"
+    assert verdicts_of(both)["B"] == "wide"
+    row = {**KNEE, "remarks": None}
+    told = [
+        marked(pl.DataFrame([row]), [each], "impedance")["remarks"][0] for each in (found, both)
+    ]
+    assert told == ["B_viscous: wide interval", "B, B_viscous: wide interval"]
+    assert wide_in(f"friction; {told[1]}") == ["B", "B_viscous"]
+    assert wide_in("friction") == wide_in(None) == []
 
 
 def test_an_impossible_estimate_is_doubtful_and_no_other_of_its_row():

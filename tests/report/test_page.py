@@ -27,7 +27,7 @@ from osl_analysis.report.page import (
     with_symbols,
     written_page,
 )
-from osl_analysis.report.paper_tables import Condition, interval_rows, wide_estimates
+from osl_analysis.report.paper_tables import Condition, interval_rows
 from osl_analysis.report.verdicts import (
     LeftOut,
     trials_without_result,
@@ -79,21 +79,15 @@ def test_an_estimate_has_its_verdict_the_parts_of_its_interval_and_what_is_not_k
 
 
 def test_a_table_for_a_paper_has_the_parts_of_each_controller():
-    impedance = pl.DataFrame([{"trial": ROW["trial"], "controller": "compensated"}])
+    ends = {"K_range_low": 290.0, "K_range_high": 306.0}
+    impedance = pl.DataFrame([{"trial": ROW["trial"], "controller": "compensated", **ends}])
 
     head, (controller, name, n, *widths) = interval_rows(BUDGET, impedance, [])
 
     assert head[3:] == ["repeatability", "sensor", "bench", "all", "range", "mean of n"]
-    assert (controller, name, n) == ("compensated", "K", "1")
-    assert widths == ["6.8", "–", "7.8", "10", "–", "–"]
-    assert interval_rows(BUDGET, pl.DataFrame(), [])[1][:2] == ["–", "K"]
-
-
-def test_a_wide_estimate_is_that_without_friction_where_friction_is_certain():
-    verdicts = {"K_verdict": "clear", "B_verdict": "wide", "I_verdict": "torque path"}
-
-    assert wide_estimates({**verdicts, "B_viscous": None}) == ["B"]
-    assert wide_estimates({**verdicts, "B_viscous": 3.0}) == ["B_viscous"]
+    assert (controller, name, n) == ("compensated", "K [N*m/rad]", "1")
+    assert widths == ["6.8", "–", "7.8", "10", "8", "–"]
+    assert interval_rows(BUDGET, pl.DataFrame(), [])[1][:2] == ["–", "K [N*m/rad]"]
 
 
 def test_the_table_of_parts_has_the_mean_over_trials_that_scatter_beside_them():

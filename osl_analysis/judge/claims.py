@@ -58,6 +58,7 @@ class Claim(Settings):
     controller: str | None = None  # Whose trials; null: all rows.
     than: str | None = None  # Controller that is to be farther from the target.
     pairs: tuple[str, ...] = ()  # Columns in which the two of a pair agree.
+    better: str = "nearer"  # What the better one of a pair is, in a word.
     condition: str = ""  # Under which the claim is tested.
 
     _has_pairs = refuse_if(
@@ -141,8 +142,8 @@ def result_of(claim: Claim, table: pl.DataFrame) -> dict[str, Any]:
 
 def paired(claim: Claim, rows: pl.DataFrame) -> pl.DataFrame:
     """A row per pair of both controllers: `value`, how much nearer to its target than that of the
-    other (negative) a number is, with the root of the sum of both squared half-widths; null where
-    one of them has no number."""
+    other a number is (negative: farther), with the root of the sum of both squared half-widths;
+    null where one of them has no number."""
     distances = rows.with_columns(
         distance=(pl.col("number") - pl.col("target")).abs(),
         half=(pl.col("high") - pl.col("low")) / 2,
@@ -154,14 +155,14 @@ def paired(claim: Claim, rows: pl.DataFrame) -> pl.DataFrame:
         for name in (claim.controller, claim.than)
     ]
     pairs = of_arm[0].join(of_arm[1], on=claim.pairs, nulls_equal=True, suffix="_of_other")
-    value = pl.col("distance") - pl.col("distance_of_other")
+    value = pl.col("distance_of_other") - pl.col("distance")
     half = (pl.col("half").pow(2) + pl.col("half_of_other").pow(2)).sqrt()
     return pairs.with_columns(
         value=value,
         low=value - half,
         high=value + half,
-        below=pl.lit(-math.inf),
-        above=pl.lit(-claim.margin),
+        below=pl.lit(claim.margin),
+        above=pl.lit(math.inf),
     )
 
 
@@ -178,7 +179,7 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
     counts = outcomes.row(0, named=True)
     if not n:
         return {"n": n, "among": among, "verdict": NOT_TESTED}
-    text = "nearer"
+    text = claim.better
     if not claim.than:
         text = f"within {compared['target'][0]:g} ± {claim.margin:g} {claim.unit}"
     if n > 1:

@@ -88,7 +88,6 @@ def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
     assert 2 * change == pytest.approx(row["B"] - row["B_viscous"])
     (half,) = contributions(sound_tables("friction"), "B_viscous", part="motion")["standard"]
     assert 2 * half == pytest.approx(row["B_viscous_range_high"] - row["B_viscous_range_low"])
-    assert 4 * half < row["B_range_high"] - row["B_range_low"]
 
 
 def test_friction_that_the_column_alone_sees_is_untold():

@@ -9,7 +9,7 @@ from conftest import findings_of
 
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.judge.finding import Accuracy, Grade, Limits, finding_text
-from osl_analysis.judge.judging import judged, marked, results_in, verdicts_of, wide_in
+from osl_analysis.judge.judging import judged, marked, results_in, short_list, verdicts_of, wide_in
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
 from osl_analysis.stats.repeats import concerns, is_doubtful
@@ -134,24 +134,6 @@ def test_what_another_motion_changes_is_a_remark_with_its_size():
     )  # fmt: skip
 
 
-def test_an_interval_without_friction_is_wide_under_its_own_name(monkeypatch):
-    monkeypatch.setitem(KNEE, "B_viscous", 2.0)
-    narrow, wide = (scatter(size, 900) for size in (0.01, 0.3))
-
-    found = of_knee({"B": [narrow], "B_viscous": [wide]})
-    both = of_knee({"B": [wide], "B_viscous": [wide]})
-
-    assert verdicts_of(found)["B"] == "clear"
-    assert verdicts_of(both)["B"] == "wide"
-    row = {**KNEE, "remarks": None}
-    told = [
-        marked(pl.DataFrame([row]), [each], "impedance")["remarks"][0] for each in (found, both)
-    ]
-    assert told == ["B_viscous: wide interval", "B, B_viscous: wide interval"]
-    assert wide_in(f"friction; {told[1]}") == ["B", "B_viscous"]
-    assert wide_in("friction") == wide_in(None) == []
-
-
 def test_an_impossible_estimate_is_doubtful_and_no_other_of_its_row():
     (doubt,) = of_knee({"K": [scatter(0.1, 9)]}, B_high=-0.1)
 
@@ -173,14 +155,17 @@ def test_friction_that_was_not_checked_is_no_property_of_the_device():
     assert results_in(remarks) == []
 
 
-def test_a_wide_interval_is_told_and_is_no_doubt():
-    (remark,) = of_knee({"B": [scatter(0.1, 1e9)]})
+def test_a_wide_interval_is_told_under_its_own_name_and_is_no_doubt(monkeypatch):
+    monkeypatch.setitem(KNEE, "B_viscous", 3.0)
+    wide = [scatter(0.1, 1e9)]
 
-    assert (remark.name, remark.size) == (
-        "wide_interval",
-        "B is known to 0.2 N*m*s/rad, most of it repeatability, and 0.15 is needed",
-    )
-    assert verdicts_of([remark])["B"] == "wide"
+    (remark,) = of_knee({"B": [scatter(0.01, 9)], "B_viscous": wide})
+
+    size = "B_viscous is known to 0.2 N*m*s/rad, most of it repeatability, and 0.15 is needed"
+    assert (remark.name, remark.size) == ("wide_interval", size)
+    assert wide_in(f"friction; {short_list([remark], False)}") == ["B_viscous"]
+    assert verdicts_of([remark])["B"] == "clear"
+    assert verdicts_of(of_knee({"B": wide, "B_viscous": wide}))["B"] == "wide"
 
 
 def test_what_is_not_known_is_told_once_with_its_size_per_unit():

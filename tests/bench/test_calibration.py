@@ -329,7 +329,7 @@ def test_a_friction_that_drives_the_motion_is_refused():
     trial = spring()
     theta, torque = (trial.arrays(name)[1] for name in ("theta", "torque"))
     velocity = differentiate(trial.arrays("theta")[0], LowPass(20.0)(theta, 500.0)).omega
-    driven = trial.samples.with_columns(torque=pl.Series(torque - 0.5 * np.sign(velocity)))
+    driven = trial.samples.with_columns(torque=pl.Series(torque - 0.025 * np.sign(velocity)))
 
     with refused_with(r"spring: friction T_C = -0\.\d+ N\*m"):
         calibrated(Trial("spring", driven), known_K=300.0)

@@ -178,10 +178,10 @@ def test_a_held_value_of_an_uneven_source_is_half_a_row_older():
 
 @pytest.mark.parametrize("of", ["theta", "torque"])
 @pytest.mark.parametrize(
-    ("rate", "sure"),
-    [(333.0, True), (1000 / 3, False), (50.0, False)],
+    ("rate", "delay_s", "sure"),  # the last in fourteen phases
+    [(333.0, 5e-4, True), (1000 / 3, 0, False), (50.0, 0, False), (14e3 / 43, 4.64e-4, False)],
 )
-def test_a_held_channel_is_doubtful_where_the_rates_do_not_beat(of, rate, sure):
+def test_a_held_channel_is_doubtful_where_the_rates_do_not_beat(of, rate, delay_s, sure):
     grid = one_time_base([held_log(rate, of=of)])
 
     rows = {row["signals"]: row for row in grid.streams}
@@ -189,7 +189,7 @@ def test_a_held_channel_is_doubtful_where_the_rates_do_not_beat(of, rate, sure):
     assert f" {RATE / rate:.4g} rows" in held["why"]
     assert held["rate_hz"] == pytest.approx(rate, rel=1e-4)
     assert held["firm"] == sure
-    assert held["delay_s"] == pytest.approx(5e-4 if sure else 0.0, abs=2e-5)
+    assert held["delay_s"] == pytest.approx(delay_s, abs=2e-5)
     assert not any(" rows" in row["why"] for row in rows.values())
     assert_recovers_the_joint(grid)
 

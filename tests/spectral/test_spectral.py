@@ -6,7 +6,7 @@ import pytest
 from conftest import white_noise
 
 from osl_analysis.bench.motion import BENCH_SCATTER
-from osl_analysis.spectral.periodic import periodic_motion
+from osl_analysis.spectral.periodic import likely_lags, periodic_motion
 
 RATE = 250.0
 PERIOD = 4.0
@@ -101,6 +101,10 @@ def test_a_motion_has_a_period_if_it_repeats_itself_half_of_its_time(
     assert (found is not None) == repeats
     if found is not None:
         assert found.period == pytest.approx(PERIOD, rel=1e-3)
+
+
+def test_of_a_long_sine_sixty_lags_are_tried():
+    assert len(likely_lags(np.sin(np.arange(20000.0) / 10))) == 60
 
 
 # ---- Realisations

@@ -53,4 +53,4 @@ def test_a_source_hardly_slower_than_the_log_is_even_to_a_row(uneven, holds):
 
 
 def test_channels_are_compared_over_a_quarter_of_a_second():
-    assert turns(EVEN, 2 * EVEN, is_speed=False) == pytest.approx(0.5)
+    assert turns(EVEN, 2 * EVEN, False) == pytest.approx(0.5)

@@ -179,7 +179,8 @@ def unchecked(found: WhatElse, name: str) -> list[Contribution]:
     settings = record.settings
     K, B, I = (found.analysis.whole[each] for each in QUANTITIES)
     rows = []
-    of_path = found.joint.probability_of("path") if found.joint else 0.0
+    alternatives = found.joint.alternatives if found.joint else ()
+    of_path = sum(each.probability for each in alternatives if each.family == "path")
     lag = found.belt.lag
     # a belt that tells the lag so badly that it may be a tenth of B
     is_untold = lag is None or K * lag.half_width("lag_s") > LARGE_DELAY * abs(B)

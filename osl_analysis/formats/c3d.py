@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, PositiveInt
 
-from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.errors import InputError, listing, naming
 from osl_analysis.base.recording import (
     EXPORTED,
     MEASURED_BY_TYPE,
@@ -333,8 +333,7 @@ def _plate_parameter(header: Header, name: str, number: int, shape: Sequence[int
         parts = table.reshape(*shape, -1, order="F")
     if parts.shape[-1] < number or not np.isfinite(table).all():
         raise InputError(
-            f"plate {number}: FORCE_PLATFORM:{name} has dimensions {table.shape}, or values that"
-            " are not finite",
+            f"FORCE_PLATFORM:{name} has dimensions {table.shape}, or values that are not finite",
             "correct or remove it",
         )
     return parts[..., number - 1]
@@ -361,7 +360,7 @@ def plate_of(
         kind = int(_plate_parameter(header, "TYPE", number))
         if kind == EXPORTED or kind not in MEASURED_BY_TYPE:
             raise InputError(
-                f"plate {number} is of type {kind}, and types 1 to 4 are read",
+                f"it is of type {kind}, and types 1 to 4 are read",
                 "if the file has its forces and moments as six channels, state it as type 2"
                 " under `plate_geometry` in the source file, or else export it so",
             )
@@ -376,13 +375,13 @@ def plate_of(
         analogs = listed[: len(MEASURED_BY_TYPE[kind])].astype(int).tolist()
     if kind == 3 and not origin[:2].all():
         raise InputError(
-            f"plate {number} of type 3 has ORIGIN {origin.tolist()}",
+            f"it is of type 3, and has ORIGIN {origin.tolist()}",
             "without its sensors' distances there is no moment: correct it",
         )
     needed = len(MEASURED_BY_TYPE[kind])
     if len(analogs) != needed or not {*analogs} <= {*range(1, header.channels + 1)}:
         raise InputError(
-            f"plate {number} of type {kind} has {needed} channels, and what describes it gives"
+            f"type {kind} has {needed} channels, and what describes it gives"
             f" {analogs} of the file's {header.channels}",
             "correct it",
         )
@@ -432,12 +431,11 @@ def plates_of(
                 f"the file describes {count}, counted from 1; {state_plate}",
             )
         try:
-            plates.append(plate_of(header, channels, number, geometries.get(number)))
+            with naming(f"plate {number}", " (or name the plates to read, as `plates: []`)"):
+                plates.append(plate_of(header, channels, number, geometries.get(number)))
         except InputError as error:
             if source is not None:
-                raise InputError(
-                    error.reason, f"{error.remedy} (or name the plates to read, as `plates: []`)"
-                ) from error
+                raise
             questions.append(str(error))
     return plates, questions
 
@@ -518,8 +516,10 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     )
 
 
-def _begins(begin: bytes) -> bool:
-    return begin[1:2] == b"P" and begin[:1] < b" "
-
-
-FORMAT = Format(name="c3d", suffixes=(".c3d",), begins=_begins, source=C3dSource, read=read)
+FORMAT = Format(
+    name="c3d",
+    suffixes=(".c3d",),
+    begins=re.compile(rb"[\0-\x1f]P").match,
+    source=C3dSource,
+    read=read,
+)

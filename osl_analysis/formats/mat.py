@@ -182,16 +182,11 @@ def _find(
 
 def _refusal(variable: Variable) -> InputError:
     """Why a variable is no vector of real numbers, and what to do."""
-    if variable.numbers is None:
-        return InputError(
-            f"{variable.address} is {variable.kind}, which is not read",
-            "save it as real numbers, such as `real(x)`, `full(x)` or `str2double(x)`",
-        )
-    size = "x".join(map(str, variable.numbers.shape))
+    size = "x".join(map(str, getattr(variable.numbers, "shape", ())))
     return InputError(
-        f"{variable.address} is {size} {variable.kind}",
-        f"choose one column, as {variable.address}(:,1), of at least {FEWEST_OF_SIGNAL} samples, or"
-        " save each one as a variable",
+        f"{variable.address} is {variable.kind} {size}".rstrip(),
+        f"choose one column of a matrix, as {variable.address}(:,1), of at least {FEWEST_OF_SIGNAL}"
+        " samples, or save it as real numbers, such as `real(x)`, `full(x)` or `str2double(x)`",
     )
 
 

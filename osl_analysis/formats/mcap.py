@@ -357,11 +357,6 @@ def _described(folder: Path) -> tuple[list[Path], Counter[str]]:
     return files, counts
 
 
-def _files_in(path: Path) -> list[Path]:
-    """The description of a folder and the files that it lists."""
-    return [path / DESCRIPTION, *_described(path)[0]]
-
-
 BAG = Format(
     name="rosbag2",
     suffixes=(".db3", ".bag"),  # to say how they are converted
@@ -369,5 +364,5 @@ BAG = Format(
     source=MessageSource,
     read=read_bag,
     is_folder=lambda path: (path / DESCRIPTION).is_file(),
-    files_in=_files_in,
+    files_in=lambda path: [path / DESCRIPTION, *_described(path)[0]],
 )

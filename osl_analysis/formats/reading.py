@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.base.errors import InputError, naming, on_one_line, shortened
-from osl_analysis.base.files import PACKAGE
+from osl_analysis.base.files import PACKAGE, own_yaml
 from osl_analysis.base.recording import Format, Recording
 from osl_analysis.formats.text_cells import decoded
 
@@ -129,62 +129,6 @@ def is_of_file(error: BaseException) -> bool:
     return not places or not Path(places[-1].filename).is_relative_to(PACKAGE)
 
 
-# what laboratories often have, or what looks like a log: how it begins, also bytes in the western
-# code page of Windows, and what to do
-_AS_CSV = "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV"
-_OTHERS = (
-    (
-        "an export of OptiTrack Motive in CSV",
-        r'\A"?Format Version"?,"?\d',
-        "export the trial as C3D",
-    ),
-    (
-        "an export of Qualisys in TSV",
-        r"\ANO_OF_(SAMPLES|FRAMES)\t",
-        "export the trial as C3D, with its plates",
-    ),
-    (
-        "a bag of ROS in another form than MCAP",
-        r"\A(#ROSBAG V|SQLite format 3\0)",
-        "convert it with `rosbags-convert --src BAG --dst FOLDER --dst-storage mcap`, which stands"
-        " beside `osl-analysis`, and name the folder",
-    ),
-    (
-        "an export of D-Flow",
-        r"\A[^\n]*\tFrameNumber\t[^\n]*\.(PosX|CopX|ForX)\b",
-        "export the trial from the program of the cameras as C3D",
-    ),
-    (
-        "a page of HTML or XML",
-        r"\A\s*<(!doctype html|html|head|table|meta|\?xml[^>]*>\s*<(\?mso|workbook))",
-        _AS_CSV,
-    ),
-    (
-        "a document of JSON",  # or a dictionary as Python prints it
-        r"\A\s*(\{\s*[\"'}]|\[\s*\{|\[[^\[\]]*\d\s*\]\s*$)",
-        "write JSON lines, an object per line and sample",
-    ),
-    ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
-    (
-        "a table of Arrow or Feather",
-        r"\A(ARROW1|\xff{4}[^\xff]{2}\0\0)",
-        'write it as Parquet: `polars.read_ipc("a.arrow").write_parquet("a.parquet")`',
-    ),
-    (
-        "an array of NumPy",
-        r"\A(“NUMPY|PK\x03\x04[\s\S]{,400}\.npy)",
-        'write its columns: `numpy.savetxt("a.csv", numpy.column_stack([t, angle, torque]),'
-        ' delimiter=",", header="t,angle,torque", comments="")`',
-    ),
-    ("a PNG image", r"\A‰PNG", "name the recording itself"),
-    (
-        "compressed (such as ZIP or gzip)",
-        r"\A(PK\x03\x04|\x1f‹|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)",
-        "unpack it and name the recording inside",
-    ),
-)
-
-
 def refuse_others(path: Path, formats: Sequence[Format]) -> None:
     """Refuse an empty file, and one of a format that is not read, which would else pass for a table
     of text.
@@ -199,6 +143,6 @@ def refuse_others(path: Path, formats: Sequence[Format]) -> None:
             "the file is empty",
             "copy or record it again, or exclude the trial in the sheet",
         )
-    for name, pattern, remedy in _OTHERS:
-        if re.search(pattern, decoded(begin), re.MULTILINE | re.IGNORECASE):
-            raise InputError(f"{name}, which is not read", remedy)
+    for name, other in own_yaml(Path(__file__).with_name("not_read.yaml")).items():
+        if re.search(other["begins"], decoded(begin), re.MULTILINE | re.IGNORECASE):
+            raise InputError(f"{name}, which is not read", other["instead"])

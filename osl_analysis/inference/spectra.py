@@ -338,11 +338,16 @@ class WorkingSpectra(Spectra):
         return of_products * (self.working_rows / self.product_rows)
 
 
-def solve_scaled(columns: Array, torque: Array) -> Array:
-    """Estimate the coefficients (k,) of columns (k, m) for a torque (m,)."""
+def scaled_normal(columns: Array) -> tuple[Array, Array]:
+    """The normal matrix (k, k) of columns (k, m) scaled to length 1, and their lengths (k,)."""
     products = columns @ columns.T
     length = np.sqrt(products.diagonal()) + LENGTH_ROUNDING
-    normal = products / np.outer(length, length) + RIDGE_ROUNDING * np.eye(len(length))
+    return products / np.outer(length, length) + RIDGE_ROUNDING * np.eye(len(length)), length
+
+
+def solve_scaled(columns: Array, torque: Array) -> Array:
+    """Estimate the coefficients (k,) of columns (k, m) for a torque (m,)."""
+    normal, length = scaled_normal(columns)
     estimates = np.linalg.solve(normal, columns @ torque / length) / length
     # one step of refinement takes off what rounding of the normal matrix has added
     left = torque - estimates @ columns

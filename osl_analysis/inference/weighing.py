@@ -357,10 +357,6 @@ class ImpedanceInference:
     alternatives: tuple[Alternative, ...]
     unexplained: Array
 
-    def probability_of(self, family: str) -> float:
-        """Probability that a candidate model of a family is right."""
-        return sum(each.probability for each in self.alternatives if each.family == family)
-
 
 def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
     """Weigh what may be wrong with a recording of a joint.

@@ -14,10 +14,9 @@ import scipy
 from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
 from osl_analysis.inference.spectra import (
-    LENGTH_ROUNDING,
-    RIDGE_ROUNDING,
     WorkingSpectra,
     friction_torques,
+    scaled_normal,
     solve_scaled,
 )
 from osl_analysis.model.drivetrain import Spectrum
@@ -141,9 +140,7 @@ def whitening_gain(spectra: WorkingSpectra, signals: Spectrum) -> Array:
 def leverage(columns: Array) -> Array:
     """Share (f,) of the noise in each complex line that columns (k, 2 f) of real and imaginary
     parts take up: the diagonal of their hat matrix."""
-    products = columns @ columns.T
-    length = np.sqrt(products.diagonal()) + LENGTH_ROUNDING
-    normal = products / np.outer(length, length) + RIDGE_ROUNDING * np.eye(len(length))
+    normal, length = scaled_normal(columns)
     # columns times the root of the inverse, whose squares are the diagonal
     rooted = np.linalg.inv(np.linalg.cholesky(normal)) / length @ columns
     of_parts = np.einsum("kf,kf->f", rooted, rooted)

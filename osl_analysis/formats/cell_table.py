@@ -2,7 +2,6 @@
 """Tables of numbers in rows of cells, from text or from a sheet: header, units, rows, footer. All
 is found from the content."""
 
-import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ import polars as pl
 from numpy.typing import NDArray
 from pydantic import Field
 
-from osl_analysis.base.errors import InputError, shortened
+from osl_analysis.base.errors import InputError, quoted, shortened
 from osl_analysis.base.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.base.source_file import ColumnChannel, ColumnTime, TableSource
 from osl_analysis.base.units import is_clock, is_unit
@@ -31,9 +30,9 @@ from osl_analysis.formats.text_cells import (
     cell_stamps,
     cell_values,
     decimal_of,
-    is_last_whole,
     is_number_cell,
     is_value,
+    may_be_cut,
     name_and_unit,
     unpadded,
 )
@@ -247,7 +246,8 @@ def _head_of(
         for cells in candidates
         if re.search("(?i)name|label", cells[0]) and len(unpadded(cells)) in (width, width + 1)
     ]
-    if keyed and all(map(is_value, lists[-1][1:] if lists else [])):
+    values = lists[-1][1:] if lists else []  # or one value of each column, as `Period,2,2`
+    if all(map(is_value, values)) and (keyed or len({*values}) < len(values)):
         lists = keyed[-1:]
     if not lists:  # names in a comment, or with another sign between them than the rows have
         split = [
@@ -256,10 +256,10 @@ def _head_of(
         ]
         lists = [names for names in split if names]
     units: list[str] = []
-    for place in range(len(lists) - 1, 0, -1):  # below them may stand remarks
-        if not units and _are_units(lists[place]):
+    for place in reversed(range(len(lists))):  # below them may stand remarks, or the names
+        if not units and len(lists) > 1 and _are_units(lists[place]):
             units = [cell.strip(BRACKETS) for cell in lists[place]]
-            lists = lists[:place]
+            lists = lists[:place] or lists[1:]
     for cells in candidates:  # `Y_Unit_Label` of LabVIEW
         if not units and re.search(r"(?i)unit", cells[0]) and _are_units(cells[1:]):
             units = ["", *cells[1:width]]
@@ -323,10 +323,9 @@ def _cut_row(rows: Sequence[TextRow], width: int, is_whole: bool) -> str:
     if len(rows) < 2:
         return ""
     number, cells = rows[-1]
-    if len(cells) < min(width, len(rows[-2].cells)):
-        return f"the last line, {number}, is cut off and was skipped"
-    if not is_whole and not is_last_whole([row.cells[-1] for row in rows]):
-        return f"the last line, {number}, has no line break, may be cut in a number and was skipped"
+    is_short = len(cells) < min(width, len(rows[-2].cells))
+    if is_short or (not is_whole and may_be_cut(rows)):
+        return f"the last line, {number}, is cut off, or may be within a number, and was skipped"
     return ""
 
 
@@ -341,22 +340,17 @@ def _remark_on_widths(
         f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
         f" {len(rows)} rows do not fit"
     )
-    if len(odd) == len(rows):
-        cells = shortened(" ".join(odd[0].cells))
+    if layout.damaged == "skip" and len(odd) < len(rows):
+        return what
+    if [row.cells for row in odd if row.cells in [head.cells for head in above]]:
         raise InputError(
-            f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, '{cells}',"
-            " and no line fits",
-            "write a name for each, and one sign between all cells",
+            f"{what}: lines from above the table stand there again, where another recording or"
+            " segment begins",
+            f"cut the file before line {odd[0].number}, and give each part a row of the sheet",
         )
-    if layout.damaged != "skip":
-        if [row.cells for row in odd if row.cells in [head.cells for head in above]]:
-            raise InputError(
-                f"{what}: lines from above the table stand there again, where another recording"
-                " begins",
-                f"cut the file before line {odd[0].number}, and give each part a row of the sheet",
-            )
-        raise InputError(what, "repair these lines: a cell for each name")
-    return what
+    raise InputError(
+        what, "repair these lines: a cell for each name, and one sign between all cells"
+    )
 
 
 def lasting_names(titles: Sequence[str]) -> list[str]:
@@ -420,20 +414,23 @@ def recording_of_table(
 def _values_of(
     cells: pl.Series, title: str, rows: Rows, layout: SheetSource, decimal: str
 ) -> NDArray[Any]:
-    """Read the numbers or truth values of a column; another cell is refused if a source file asks
-    for the column, and NaN in a listing."""
+    """Read the numbers or truth values of a column; another cell is refused, NaN in a listing, or
+    infinite where it may be left out."""
     values, unread = cell_values(cells, layout.missing, decimal)
     numbers = [float(word) for word in layout.missing if is_number_cell(word)]
     is_missing = np.isin(values, numbers)
     if is_missing.any():
         values = np.where(is_missing, np.nan, values)
-    if layout.damaged == "skip" or not unread.size:
+    if not unread.size or layout is LISTING:
+        return values
+    if layout.damaged == "skip":
+        values[unread] = np.inf  # as an overload: another damage than an empty cell
         return values
     place = int(unread[0])
     cell = shortened(str(cells[place]))
     raise InputError(
         f"{rows.place(place)}, column '{title}': '{cell}' is not a number",
         "name another column, write numbers as 1234.5e-3, none between thousands, and times as"
-        f" 12:00:00.500 in every row, or add {json.dumps(cell, ensure_ascii=False)} to `missing`"
+        f" 12:00:00.500 in every row, or add {quoted(cell)} to `missing`"
         " in the source file",
     )

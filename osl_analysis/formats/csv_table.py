@@ -40,7 +40,6 @@ from osl_analysis.formats.text_cells import (
     split_rows,
 )
 
-END_OF_HEADER = b"***End_of_Header***"
 CELL_PADDING = ' \t\v\f"'  # of cells
 
 
@@ -126,13 +125,6 @@ def _kind_of(cells: pl.Series, decimal: str) -> type[pl.DataType]:
 def read(path: Path, source: SheetSource | None) -> Recording:
     """Read a table of text."""
     text = read_text(path)
-    segments = text.data.count(END_OF_HEADER) - 1  # a file of LabVIEW itself has a header, too
-    if segments > 1:
-        raise InputError(
-            f"LabVIEW wrote a header for each of its {segments} segments",
-            "choose `Segment Headers: One header only` in Write To Measurement File, or delete"
-            " the headers but the first",
-        )
     layout = source or LISTING
     table = table_of_text(text, layout)
     return recording_of_table(

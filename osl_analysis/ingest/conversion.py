@@ -174,25 +174,29 @@ def canonical_columns(
             )
         lacking = np.ma.getmaskarray(readings)
         numbers = floats_of(readings).copy()
-        known = ~np.isnan(numbers)
-        missing = ~known & ~lacking
-        check_finite_values(setting.title, np.where(known, numbers, 0.0), time)
+        missing = np.isnan(numbers) & ~lacking
         what_lacks = {}
         if column not in told:
             what_lacks["has no value"] = lacking
         if source.damaged == "skip":
+            is_word = np.isinf(numbers)
+            numbers[is_word] = np.nan
+            what_lacks["has a word or infinity"] = is_word
+            known = ~np.isnan(numbers)
             leaps = np.zeros_like(known)
             leaps[known] = spoiled(numbers[known])
             what_lacks[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps
-            known &= ~leaps
             numbers[leaps] = np.nan
         what_lacks["has no number"] = missing
+        known = ~np.isnan(numbers)
+        check_finite_values(setting.title, np.where(known, numbers, 0.0), time)
         for what, lacks in what_lacks.items():
             if lacks.any():
                 remarks.append(f"{setting.title} {what} in {rows.counted(lacks)}")
+        missing = ~known & ~lacking
         if missing.mean() > source.allowed_missing:
             raise InputError(
-                f"{remarks[-1]}",
+                remarks[-1],
                 f"more than the {source.allowed_missing:.1%} of `most_missing`: repair the"
                 f" recording, or write `most_missing: {share_above(missing.mean()):g}` in the"
                 " source file",

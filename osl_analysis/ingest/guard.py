@@ -12,7 +12,7 @@ import polars as pl
 import scipy
 
 from osl_analysis.base.errors import Change, InputError
-from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, varies
+from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, spoiled, varies
 from osl_analysis.base.trial import Array, Trial, unit_of
 from osl_analysis.base.units import si_factor
 from osl_analysis.ingest import LIMITS
@@ -172,12 +172,13 @@ def check_recording(
         )
     turn = half_range(trial, angle)
     measured = recorded(trial, torque)[1]
-    if turn and measured.size > 1 and measured.min() == measured.max():
+    if turn and measured.size > 1 and not np.ptp(measured):
         raise InputError(
             f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns",
             "is this the channel of the load cell? Correct it in the source file",
         )
     if angle is not None and turn > limits.largest_angle:
+        check_not_spoiled(trial, angle)
         raise InputError(
             f"{who} {angle} turns by +-{turn:.3g} rad ({math.degrees(turn):.0f} deg), more than"
             f" the {limits.largest_angle:g} rad of `largest_angle` in the configuration",
@@ -188,11 +189,24 @@ def check_recording(
         )
     largest = np.abs(measured).max(initial=0.0)
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
+        check_not_spoiled(trial, torque)
         raise InputError(
             f"{who} {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g}"
             " N*m of `load_cell_range` in the configuration",
             "correct its `unit` or `scale` in the source file, or the range",
             changes=in_other_units(trial, [torque]),
+        )
+
+
+def check_not_spoiled(trial: Trial, column: str) -> None:
+    """Refuse values that no sensor gave, before another unit is proposed for them."""
+    time, values = recorded(trial, column)
+    bad = spoiled(values)
+    if bad.any():
+        raise InputError(
+            f"trial {trial.name}: {column} leaps or recurs, as {values[bad][0]:.6g}, in {bad.sum()}"
+            f" of {values.size} samples, first at {time[bad][0]:.3f} s",
+            "write `damaged: skip` in the source file, which leaves them out",
         )
 
 
@@ -232,8 +246,7 @@ def swapped_channels(trial: Trial, angle: str, torque: str) -> list[Change]:
 def half_range(trial: Trial, column: str | None) -> float:
     """Half of the range of a column; 0 of one without readings."""
     values = recorded(trial, column)[1]
-    finite = values[np.isfinite(values)]
-    return float(np.ptp(finite)) / 2 if finite.size else 0.0
+    return float(np.ptp(values)) / 2 if values.size else 0.0
 
 
 def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:

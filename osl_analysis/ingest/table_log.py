@@ -81,7 +81,7 @@ def keeps_step(stamps: Array) -> bool:
 def own_samples(time: Array, values: Array) -> NDArray[np.bool_]:
     """Rows (n,) that are not blank, and do not change along the line between their neighbours, as
     interpolated ones do. The others must keep step: those of a coarse or smooth channel do not."""
-    is_sampled = ~np.isnan(values)
+    is_sampled = np.isfinite(values)
     if not is_sampled.all():
         time = time[is_sampled]
         values = values[is_sampled]
@@ -349,13 +349,14 @@ def at_clock(
     remarks = []
     raw = np.ma.asarray(clock.values[: rows.count])
     # those of a longer channel that is not asked, or lines of another device
-    lacks = np.isnan(floats_of(raw))
+    lacks = ~np.isfinite(floats_of(raw))
     is_empty = lacks
     if lacks.any() and not skips:
-        is_empty = lacks & np.all([np.isnan(floats_of(each)) for each in values.values()], axis=0)
+        is_empty = lacks & ~np.any(
+            [np.isfinite(floats_of(each)) for each in values.values()], axis=0
+        )
     if is_empty.any() and not is_empty.all():
-        values_too = "" if skips else " and any of the asked values"
-        remarks.append(f"rows without time{values_too} were left out: {rows.counted(is_empty)}")
+        remarks.append(f"rows without time were left out: {rows.counted(is_empty)}")
         places = np.flatnonzero(~is_empty)
         rows, values = kept_rows(rows, values, places)
         raw, lacks = raw[places], lacks[places]

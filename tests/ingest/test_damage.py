@@ -6,9 +6,11 @@ import re
 import numpy as np
 import pytest
 from conftest import refused_with, white_noise
+from shipped import CONFIG
 
 from osl_analysis.base.measured import spoiled
 from osl_analysis.base.trial import Trial
+from osl_analysis.ingest.guard import check_recording
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.ingest.raw_files import read_converted, read_source
 
@@ -42,7 +44,7 @@ def test_every_kind_of_damage_is_told_in_one_refusal_and_left_out_by_its_remedy(
     lines[3000] = lines[3000].rpartition(",")[0] + ",99999"
 
     with refused_with(
-        r"line 502 .*line 902.*line 2002.*99999.* line 3002.*line 1302"
+        r"line 502 .*line 902.*line 2002.* a word .*line 1302.*99999.* line 3002"
         "(?!.*damaged: skip.*damaged: skip)"
     ):
         converted(tmp_path, lines)
@@ -104,3 +106,5 @@ def test_the_remark_on_leaps_says_what_leaving_them_out_costs_and_nothing_is_cal
 
     assert re.search("`damaged: skip` .* leaves out 110 values", checks["dropout"].remark)
     assert checks["stuck"].value == 0
+    with refused_with("torque leaps or recurs, as 32767, in 110 of .* 0.100 s.*`damaged: skip`"):
+        check_recording(Trial("a", samples), CONFIG.dynamometer)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
+import json
 import re
 import shlex
 import sys
@@ -9,9 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+quoted = partial(json.dumps, ensure_ascii=False)
+"""A text or a setting as JSON, which is valid YAML, with its signs as they are."""
 
 
 def printable(text: str) -> str:

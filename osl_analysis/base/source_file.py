@@ -145,7 +145,10 @@ class Channel(Conversion, Addressed):
 
 
 # in the name or unit of a torque that a program computed, as `effort [A]` and `torque_from_current`
-COMPUTED = re.compile(r"(?i)effort|current|strom|estimat|observer|computed|model|\[m?A\]")
+COMPUTED = re.compile(
+    r"(?i)effort|current|strom|(?<![a-z])est(?![a-z])|estimat|gesch(ä|ae)tzt|calc|berechn|comput"
+    r"|observer|model|comm?and|(?<![a-z])cmd|desired|(?<![a-z])soll|\[m?A\]"
+)
 
 
 class LogChannel(Channel):

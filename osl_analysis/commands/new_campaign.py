@@ -73,7 +73,7 @@ def new_campaign(
         check_simulator()
     draft = Draft() if recordings is None else draft_campaign(recordings)
     raw_data = Path("recordings") if recordings is None else seen_from(folder, recordings)
-    sources = dict(draft.sources)
+    sources = {name: source.text for name, source in draft.source_files.items()}
     files = {"config.yaml": configuration(folder.resolve().name, raw_data, draft, example)}
     if example:
         for name in EXAMPLE_SOURCES[example]:

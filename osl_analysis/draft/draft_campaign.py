@@ -163,11 +163,6 @@ class Draft:
     trials: list[DraftedTrial] = field(default_factory=list)
     walking: str = ""
 
-    @property
-    def sources(self) -> dict[str, str]:
-        """Texts of the source files, by name."""
-        return {name: source.text for name, source in self.source_files.items()}
-
 
 def draft_campaign(folder: Path) -> Draft:
     """Say what the recordings below a folder are.
@@ -242,9 +237,8 @@ def overview_of_recording(path: Path) -> Overview:
         It cannot be read, or is no recording.
     """
     overview = inspect_recording(path)
-    most = max((channel.count for channel in overview.channels), default=0)
-    is_empty = not overview.drafted and not overview.is_capture
-    if most < FEWEST_OF_SIGNAL or is_empty:
+    signals = overview.channels if overview.is_capture else overview.drafted
+    if max((channel.count for channel in signals), default=0) < FEWEST_OF_SIGNAL:
         raise InputError(
             f"{path}: no signal of {FEWEST_OF_SIGNAL} numbers or more in it",
             "`osl-analysis inspect` lists what it holds",

@@ -2,13 +2,13 @@
 """Drafts of source files. Texts from files are quoted as JSON, which is valid YAML. What files do
 not tell is left to the user, questions first."""
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from osl_analysis.base.errors import quoted
 from osl_analysis.base.source_file import COMPUTED
 from osl_analysis.base.trial import COLUMNS
 from osl_analysis.base.units import is_unit
@@ -40,9 +40,7 @@ class Entry:
     @property
     def line(self) -> str:
         """The entry in YAML."""
-        fields = (
-            f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in self.fields.items()
-        )
+        fields = (f"{key}: {quoted(value)}" for key, value in self.fields.items())
         text = f"  {self.name}: {{{', '.join(fields)}}}"
         text += f"  # {self.remark}" if self.remark else ""
         return f"# {text}" if self.is_comment else text
@@ -85,16 +83,16 @@ class DraftedSource:
         if not torques:  # the only one may be no measurement
             torques = [entry for entry in self.entries if TORQUE_NAME.search(f"{entry.fields}")]
         return [
-            f"{entry.channel_name} is called like a current or an estimate: name the torque of a"
-            " load cell, or state `measured: true` of it, and of a current `scale`"
+            f"{entry.channel_name} is called like a current, an estimate or a command: name the"
+            " torque of a load cell, or state `measured: true` of it, and of a current `scale`"
             for entry in torques
-            if COMPUTED.search(f"{entry.fields}")
+            if COMPUTED.search(f"{entry.fields} [{entry.fields['unit']}]")
         ]
 
     @property
     def text(self) -> str:
         """The source file."""
-        lines = [f"{key}: {json.dumps(value)}" for key, value in self.settings.items()]
+        lines = [f"{key}: {quoted(value)}" for key, value in self.settings.items()]
         lines += [f"# {text}" for text in (*self.questions, *self.computed)]
         if self.entries:
             lines += [f"{self.key}:", *(entry.line for entry in self.entries)]
@@ -199,7 +197,7 @@ def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     if guess.column:
         remarks = [guess.why if guess.is_sure else f"{guess.column}?"]
     if channel.base[1] in COUNTS:
-        remarks.append(f"no known unit: {json.dumps(unit)}" if unit else "no unit is stated")
+        remarks.append(f"no known unit: {quoted(unit)}" if unit else "no unit is stated")
         unit = "V" if guess.column in LEVELS else UNKNOWN
         if channel.base[1] == "dimensionless":
             remarks.append("of what? state its unit, and `scale` by the rated value")

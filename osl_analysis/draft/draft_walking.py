@@ -2,12 +2,12 @@
 """A draft of the section `walking` of a configuration, from the names of markers in captures, and
 from where the plates lie. What these do not tell is left to the user."""
 
-import json
 import re
 from collections.abc import Sequence
 
 import numpy as np
 
+from osl_analysis.base.errors import quoted
 from osl_analysis.base.yaml_settings import UNKNOWN
 from osl_analysis.draft.likelihood import likelihoods
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
@@ -104,7 +104,7 @@ def stepped_plate(channels: Sequence[RecordedChannel], platform: Sequence[str]) 
 
 def markers_text(segment: str, labels: Sequence[str]) -> str:
     """The markers of a segment in YAML, with what is to be checked."""
-    names = [json.dumps(label) for label in labels]
+    names = [*map(quoted, labels)]
     if segment.startswith("ankle"):
         among = f"one of {', '.join(names)}" if names else "none is known: named in the static?"
         return names[0] if len(names) == 1 else f"{UNKNOWN}  # {among}"

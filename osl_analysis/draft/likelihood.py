@@ -8,7 +8,6 @@ its name in several languages, its unit, what its readings do, and what else its
 judges them by the other half.
 """
 
-import json
 import math
 import re
 import unicodedata
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from osl_analysis.base.errors import quoted
 from osl_analysis.base.files import own_yaml
 from osl_analysis.base.measured import cycle_duration, spoiled, varies
 from osl_analysis.base.trial import COLUMNS
@@ -290,7 +290,7 @@ def decide_columns(guesses: Sequence[Guess]) -> None:
     for angle, torque, r in sure[:1]:
         if confirmed:
             for guess, other in ((angle, torque), (torque, angle)):
-                name = json.dumps(name_of(other.channel))
+                name = quoted(name_of(other.channel))
                 guess.why = f"a guess: as a spring with {name}, r = {abs(r):.3f}"
         elif len(joints_named([angle.channel, torque.channel])) > 1:
             angle.is_sure = torque.is_sure = False

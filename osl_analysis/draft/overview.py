@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis import formats
-from osl_analysis.base.errors import InputError, listing, naming, printable
+from osl_analysis.base.errors import InputError, listing, naming, printable, shortened
 from osl_analysis.base.measured import usual_step
 from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Recording
-from osl_analysis.base.source_file import MarkerSource, Source
+from osl_analysis.base.source_file import MarkerSource
 from osl_analysis.base.trial import Array
 from osl_analysis.base.units import is_clock
 from osl_analysis.base.yaml_settings import NAME_OF_TIME, UNKNOWN
@@ -37,7 +37,10 @@ from osl_analysis.ingest.likely_clock import (
 MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_BACK = 0.1  # share of the steps of a clock that may go back
 # what a text says of a counter without a unit
-INTERVALS = r"(?i)interval|^dt|delta|period|since"  # in the name of a column of them
+INTERVALS = r"(?i)interval|^[dΔ∆]_?t|delta|period|since|elapsed"  # in the name of a column of them
+GEAR = (
+    r"(?i)(\bgear|transmission|reduction|getriebe|[üu]bersetzung)\D*\d"  # in a text that tells it
+)
 TICK = re.compile(r"(?i)\b(?:ticks?|resolution)\b\D*(\d+(?:\.\d+)?) ?([nuµm]?s)\b")
 
 
@@ -46,15 +49,9 @@ def inspect_recording(path: Path) -> Overview:
     """List what a file holds, without a source file. Raises InputError, which names the file."""
     recording = formats.read(path)
     with naming(path):
-        if issubclass(source_model(recording), MarkerSource):
+        if issubclass(known_formats()[recording.format].source, MarkerSource):
             return overview_of_capture(recording)
         return overview_of_log(recording)
-
-
-def source_model(recording: Recording) -> type[Source]:
-    """The model of the source files of a recording."""
-    model: type[Source] = known_formats()[recording.format].source
-    return model
 
 
 def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
@@ -170,7 +167,7 @@ def time_of_messages(recording: Recording) -> tuple[dict[str, object], list[str]
 def overview_of_log(recording: Recording) -> Overview:
     """List the columns of a table, or the numbers of every topic, and draft those of one trial with
     the likely clock."""
-    model = source_model(recording)
+    model = known_formats()[recording.format].source
     key = getattr(model.model_fields["time"].annotation, "ADDRESS", "column")
     has_messages = bool(recording.loss.by_topic)
     remarks = [*recording.loss.remarks]
@@ -187,6 +184,12 @@ def overview_of_log(recording: Recording) -> Overview:
     drafted = [channel for channel in shown if channel.count]
     facts = facts_of(recording)
     questions = [*recording.questions]
+    questions += [
+        f"'{printable(shortened(text))}': state it as n_T in the file of `parameters`, so that both"
+        " sides of the gear are compared"
+        for text in recording.notes
+        if re.search(GEAR, text)
+    ]
     if "log_part" in model.model_fields:
         parts, drafted = of_one_trial(drafted)
         if parts:
@@ -272,8 +275,9 @@ def drafted_time(
 
 def are_intervals(channel: RecordedChannel) -> bool:
     """Whether a channel holds the time since the row before."""
-    is_named = re.search(INTERVALS, channel.name) and not is_running(channel)
-    return bool(is_named) and is_of_time(channel.spelled_unit)
+    is_named = re.search(INTERVALS, channel.name) and (channel.readings >= 0).all()
+    unit = channel.spelled_unit or time_unit(np.cumsum(channel.readings))
+    return bool(is_named) and not is_running(channel) and is_of_time(unit)
 
 
 def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.recording import SECOND_NS
+from osl_analysis.base.units import is_unit
 
 # bytes that no text has; byte 26 is allowed, it ends files of DOS
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # its marks
-SPOILED = re.compile("Â(?=[°µ·²±])")  # which UTF-8 becomes as read in a western code page
+SPOILED = re.compile("[Â-ô][^\x00-\x7f]+")  # what UTF-8 becomes as read in a western code page
 MINUS = "\u2212"  # a minus sign that is no hyphen
 # lines of a text that tell its header, the sign between cells and the decimal sign, and its footer
 LONGEST_LINE = 1_000_000  # letters; 10,000 columns of 100 letters each
@@ -69,9 +70,7 @@ class Text(NamedTuple):
 def is_text(begin: bytes) -> bool:
     """Tell whether a file that begins so is text, by its first line: later zero bytes may come
     from a loss of power."""
-    if begin.startswith(UTF_16):
-        return True
-    return CONTROL.search(begin.partition(b"\n")[0]) is None
+    return begin.startswith(UTF_16) or CONTROL.search(begin.partition(b"\n")[0]) is None
 
 
 def decoded(data: bytes) -> str:
@@ -82,7 +81,15 @@ def decoded(data: bytes) -> str:
         text = data.removeprefix(b"\xef\xbb\xbf").decode()
     except UnicodeDecodeError:
         text = data.decode("cp1252", errors="replace")
-    return SPOILED.sub("", text)
+    return SPOILED.sub(repaired, text)
+
+
+def repaired(match: re.Match[str]) -> str:
+    """A match of `SPOILED` as it was, such as `°` for `Â°`; itself where it was never spoiled."""
+    try:
+        return match[0].encode("cp1252").decode()
+    except UnicodeError:
+        return match[0]
 
 
 def begins_with_text(pattern: str, begin: bytes) -> bool:
@@ -187,9 +194,7 @@ def of_length(length: int, values: Iterable[Any], filling: Any) -> list[Any]:
 
 def check_last_line(is_ended: bool, rows: Sequence[TextRow]) -> None:
     """Refuse a file of which nothing tells that its last number is whole."""
-    last_cells = [row.cells[-1] for row in rows]
-    # where all are empty, a tab ends every line
-    if any(last_cells) and not is_ended and not is_last_whole(last_cells):
+    if not is_ended and may_be_cut(rows):
         raise InputError(
             f"line {rows[-1].number}, the last one, has no line break and may be cut off within"
             " its last number",
@@ -213,7 +218,8 @@ def name_and_unit(title: str) -> tuple[str, str]:
     """Split `torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` into name and unit; the
     unit is empty if there is none. The index of `q[5]` is none, nor the joint of a topic's
     `/states/effort[ankle]`."""
-    if re.search(r"(\w\[\d+|^/.*\w\[\w+)\]$", title):
+    index = re.search(r"\w\[(\d+)\]$|^/.*\w\[(\w+)\]$", title)
+    if index and (index[1] or not is_unit(index[2])):
         return title, ""
     in_brackets = r"\[[^\[\]]*\]|\([^()]*\)|\{[^{}]*\}"
     match = re.fullmatch(rf"(.*\S)\s*({in_brackets})|(.*\S)\s+/\s+(\S.*)", title, re.DOTALL)
@@ -222,13 +228,15 @@ def name_and_unit(title: str) -> tuple[str, str]:
     return (match[1], match[2][1:-1]) if match[1] else (match[3], match[4])
 
 
-def is_last_whole(cells: Sequence[str]) -> bool:
-    """Tell whether the last cell of a file without a final line break is complete.
+def may_be_cut(rows: Sequence[TextRow]) -> bool:
+    """Tell whether the last cell of a file without a final line break may be cut off.
 
-    It is if it has as many decimals as all others of its column. Whole numbers do not tell.
+    It is whole if it has as many decimals as all others of its column, or if all are empty since a
+    tab ends every line. Whole numbers do not tell.
     """
+    cells = [row.cells[-1] for row in rows]
     decimals = {len(cell.replace(",", ".").partition(".")[2]) for cell in cells}
-    return len(cells) > 1 and len(decimals) == 1 and 0 not in decimals
+    return any(cells) and (len(cells) < 2 or len(decimals) > 1 or 0 in decimals)
 
 
 def decimal_of(rows: Sequence[Sequence[str]]) -> str:

@@ -23,7 +23,7 @@ from mcap.records import Schema
 from numpy.typing import NDArray
 from polars import selectors
 
-from osl_analysis.base.errors import InputError, on_one_line, optional_module, shortened
+from osl_analysis.base.errors import InputError, on_one_line, optional_module, quoted, shortened
 from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Rows
 from osl_analysis.formats.message_layout import MOST_ELEMENTS, Layout, definition_of, rows_at
 from osl_analysis.formats.reading import is_of_file
@@ -316,7 +316,7 @@ def _members_of(message: Any) -> dict[str, Any]:
 def joined_path(path: str, name: str) -> str:
     """The path of a field of an object."""
     if not PLAIN_NAME.fullmatch(name):
-        return f"{path}[{json.dumps(name, ensure_ascii=False)}]"
+        return f"{path}[{quoted(name)}]"
     return f"{path}.{name}" if path else name
 
 

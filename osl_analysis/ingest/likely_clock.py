@@ -113,11 +113,14 @@ WRITTEN_NUMBER = r"(\d+(?:,\d{3})*(?:[.,]\d+)?(?:e[+-]?\d+)?)"
 OF_ROWS = (
     r"(?:sampl\w*|scan|acquisition|recording|data|output)["
     r" _]*(?:rate|frequency|freq)|fs\b|^(?:rate|frequency)\b"
-    r"|abtast(?:rate|frequenz)|fr\w+ d.\w*chantillonnage"
+    r"|(?:abtast|mess)(?:rate|frequenz)|fr\w+ d.\w*chantillonnage|f_s\b|log(?:ging)? rate"
+    r"|samples? per second|recorded at"
 )
+UNIT_AHEAD = rf"[\[(]([\w/]+)[\])]\W*{WRITTEN_NUMBER}"  # as in `Period (ms): 2`
 INTERVAL = (
-    r"(?i)\b(?:delta_x|dt|h_?resolution|x_?increment|(?:sampl\w*[ _]*)?(?:interval|period))\b"
-    rf"\D*?{WRITTEN_NUMBER}(?:\s*([mu]?)s\b)?"
+    r"(?i)(?:\b(?:delta_x|dt|h_?resolution|x_?increment|(?:sampl\w*[ _]*)?(?:interval|period)"
+    r"|sampl\w* time|abtast(?:zeit|intervall|periode))|[Δ∆]t)\b"
+    rf"\D*?{WRITTEN_NUMBER}(?:\s*([muµμ]?s)\b)?"
 )
 NOT_OF_ROWS = (
     r"(?i)decimat|(down|sub|over)-?sampl|\bevery\W+(\d|other|second|n)|averag(ing|ed)|\bthinn"
@@ -126,7 +129,8 @@ NOT_OF_ROWS = (
 RATE_ALONE = (
     r"[\s:=\x22[]*(?P<alone>\d{2,5}(?:\.\d*)?|\d\.\d+e[+-]?\d+)(?: (?P=alone))*(?:$|[\]};]|, )"
 )
-RATE_IN_WORDS = rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN_NUMBER}\s*(k?)(?:hz|s/s|sps)|{RATE_ALONE})"
+IN_HZ = rf"\D*?{WRITTEN_NUMBER}\s*(k?)(?:hz|s/s|sps|samples?/s)"
+RATE_IN_WORDS = rf"(?i)\b(?:{OF_ROWS})(?:{IN_HZ}|{RATE_ALONE})"
 
 
 def stated_rate(texts: Sequence[str]) -> float | None:
@@ -134,14 +138,16 @@ def stated_rate(texts: Sequence[str]) -> float | None:
     `Delta_X`. None if they state several, or mention a device or a decimation: the rate may then
     not be that of the rows."""
     rates = set()
-    for text in texts:
+    for written in texts:
+        text = re.sub(UNIT_AHEAD, r"\2 \1", written)
         interval = re.search(INTERVAL, text)
         words = re.search(RATE_IN_WORDS, text)
         if re.search(NOT_OF_ROWS, text):
             return None
-        seconds = number_in(interval[1]) * TIME_UNITS[(interval[2] or "") + "s"] if interval else 0
-        if seconds > 0:
-            rates.add(float(f"{1 / seconds:.9g}"))
+        if interval and number_in(interval[1]) > 0:
+            unit = normalised((interval[2] or "s").lower())
+            rate = 1 / (number_in(interval[1]) * TIME_UNITS[unit])
+            rates.add(float(f"{rate:.9g}"))
         elif words:
             rates.add(number_in(words[1] or words[3]) * (1000 if words[2] else 1))
     return rates.pop() if len(rates) == 1 and 1 < min(rates) < 1e6 else None

@@ -61,7 +61,7 @@ def may_be_recording(path: Path) -> bool:
     """Whether a file may be a recording, by its ending, or by two columns of numbers that it
     holds."""
     suffix = path.suffix.lower()
-    if suffix in suffixes() or suffix not in ENDINGS_OF_ANY:
+    if suffix not in ENDINGS_OF_ANY:
         return suffix in suffixes()
     try:
         channels = formats.read(path).channels

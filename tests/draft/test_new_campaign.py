@@ -256,7 +256,9 @@ def test_a_capture_without_a_trigger_has_a_source_file_of_its_own(tmp_path, rec)
 
     draft = new_campaign(tmp_path / "mine", recordings=rec)
 
-    analogs = {name: yaml.safe_load(text)["analogs"] for name, text in draft.sources.items()}
+    analogs = {
+        name: yaml.safe_load(source.text)["analogs"] for name, source in draft.source_files.items()
+    }
     source_of = {cells["trial"]: cells["mocap_source"] for cells, _ in draft.trials}
     assert analogs[source_of["walk_pert_3"]] == {
         name: {"channel": label, "unit": "V"}
@@ -325,7 +327,7 @@ def test_the_end_of_a_name_states_its_unit_in_any_spelling():
 def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_path, rec, name):
     write_text(rec / "a.csv", {"time_s": TIME, "ankle_angle_deg": ANGLE, name: 2 * ANGLE})
     draft = new_campaign(tmp_path / "mine", recordings=rec)
-    assert yaml.safe_load(draft.sources["csv"])["channels"]["torque"]["unit"] == "UNKNOWN"
+    assert yaml.safe_load(draft.source_files["csv"].text)["channels"]["torque"]["unit"] == "UNKNOWN"
     assert "`channels.torque.unit`" in left_to_decide(tmp_path / "mine", draft)[0][0]
 
 
@@ -352,7 +354,7 @@ def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_begin_anew(
     draft = draft_campaign(tmp_path)
 
     assert [trial.cells["experiment"] for trial in draft.trials] == [experiment]
-    assert "wraps_at: 4096.0" in draft.sources["csv"]
+    assert "wraps_at: 4096.0" in draft.source_files["csv"].text
 
 
 def test_a_recording_without_an_ending_is_found_by_its_first_bytes(tmp_path):
@@ -493,7 +495,7 @@ def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torq
     cells = {trial.cells["trial"]: trial.cells for trial in draft.trials}
     assert cells["fixture"]["experiment"] == "calibration"
     assert cells["fixture"]["fixture"] == "alone"
-    assert "sign: -1" not in draft.sources["csv"]
+    assert "sign: -1" not in draft.source_files["csv"].text
 
 
 def test_an_example_without_the_simulators_libraries_is_refused_and_nothing_is_written(

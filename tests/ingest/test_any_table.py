@@ -256,17 +256,6 @@ def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_p
     np.testing.assert_allclose(trial.samples["time"], TIME[kept])
 
 
-@pytest.mark.parametrize("row", [5, 300, 419])
-def test_the_line_of_every_row_is_told_however_far_below(tmp_path, row):
-    """Lines between the first 300 and the last 60 are split as a whole."""
-    path = tmp_path / "a.csv"
-    path.write_text(text(t=[*T[:row], "?", *T[row + 1 :]]))
-
-    told = rf"line {row + 2}, column 'Time \[s\]': '\?'"
-    with refused_with(told):
-        read_by(path, "format: csv\ntime: {column: Time, unit: s}\n" + ANGLE_ALONE)
-
-
 def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, capfd):
     pl.DataFrame({"t": TIME, "a": TIME}).write_parquet(
         path := tmp_path / "a.parquet", compression="uncompressed"
@@ -306,14 +295,25 @@ def test_a_counter_that_falls_goes_on_and_intervals_are_summed(tmp_path, stamps,
     assert bool(told) == bool(re.search(told or "ticks", " ".join(recording.warnings)))
 
 
-@pytest.mark.parametrize(
-    "line", ["SampleRate,4.000000E+02,4.000000E+02", "HResolution,2.5E-03,2.5E-03"]
-)
-def test_a_rate_or_a_resolution_of_an_oscilloscopes_header_is_used(tmp_path, line):
-    rows = [f",{a:+.5E},{a:+.5E}" for a in SWEEP]
-    (tmp_path / "a.csv").write_text("\n".join(["VUnit,V,V", line, "", *rows, ""]))
+AT_RATE = {"rate": 400.0}
 
-    assert inspect_recording(tmp_path / "a.csv").settings["time"] == {"rate": 400.0}
+
+@pytest.mark.parametrize(("head", "clock", "time"), [
+    ("VUnit,V,V\nSampleRate,4.000000E+02,4.000000E+02\n", "", AT_RATE),
+    ("VUnit,V,V\nHResolution,2.5E-03,2.5E-03\n", "", AT_RATE),
+    ("Sampling period [ms],2.5,2.5", "", AT_RATE),
+    ("# resolution: 0.5 us\nticks,a,q", "{}", {"column": "ticks", "unit": "0.5 us"}),
+    ("# Gear 5:1\nms since last,a,q", "4",
+     {"column": "ms since last", "each": "interval", "unit": "ms"}),
+])  # fmt: skip
+def test_what_a_header_tells_of_time_and_of_a_gear_is_drafted(tmp_path, head, clock, time):
+    rows = [f"{clock.format(8000 * k % 65536)},{a:+.5E},{a:+.5E}" for k, a in enumerate(SWEEP)]
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows, ""]))
+
+    overview = inspect_recording(tmp_path / "a.csv")
+
+    assert overview.settings["time"] == time
+    assert ("5:1" in head) == any("5:1" in question for question in overview.open)
 
 
 def test_what_offset_and_wraps_at_do_is_told(tmp_path):

@@ -68,6 +68,7 @@ def test_a_torque_of_a_sensor_is_taken(torque):
     ({"column": "1", "found": "torque [A]"}, "torque [A]"),
     ({"column": "torque_from_current"}, "torque_from_current"),
     ({"column": "torque_from_current", "measured": True}, None),
+    ({"column": "tau_est"}, "tau_est"),
     ({"topic": "/currents", "field": "wrench.torque.z"}, None),
 ])  # fmt: skip
 def test_a_torque_that_is_called_so_is_not_measured_until_it_is_stated(stated, told):

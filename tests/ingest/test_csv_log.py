@@ -131,18 +131,14 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
     np.testing.assert_array_equal(samples["sync"], rows % 100 < 50)
 
 
-@pytest.mark.parametrize(("text", "warning"), [
-    (LOG + "11.5,17", " 5, "),
-    (LOG + "11.5,17,12",
-     " 5, "),
-])  # fmt: skip
-def test_a_cut_last_line_is_told(tmp_path, text, warning):
-    trial = ingested(tmp_path, text)
+@pytest.mark.parametrize("cut", ["11.5,17", "11.5,17,12"])
+def test_a_cut_last_line_is_told(tmp_path, cut):
+    trial = ingested(tmp_path, LOG + cut)
     assert_log(trial)
     (said,) = trial.provenance["warnings"]
-    assert re.search(f"log.csv: .*{warning}", said)
+    assert re.search("log.csv: .* 5, ", said)
     damage = trial.provenance["damage"]["log"]
-    assert [damage.get(one) for one in ("end_missing", "read", "lost")] == [True, 3, None]
+    assert (damage["end_missing"], damage["read"], damage["lost"]) == (True, 3, None)
 
 
 @pytest.mark.parametrize(("stated", "in_file", "is_told"), [

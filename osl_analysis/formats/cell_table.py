@@ -336,9 +336,10 @@ def _remark_on_widths(
     skipped, or if all are such. Where lines `above` the table stand again, a recorder began anew.
     """
     odd = [row for row in rows if len(row.cells) != width]
+    number, cells = odd[0]
     what = (
-        f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
-        f" {len(rows)} rows do not fit"
+        f"line {number} has {len(cells)} cells under {width} names, '{shortened(' '.join(cells))}',"
+        f" and {len(odd)} of {len(rows)} rows do not fit"
     )
     if layout.damaged == "skip" and len(odd) < len(rows):
         return what
@@ -346,7 +347,7 @@ def _remark_on_widths(
         raise InputError(
             f"{what}: lines from above the table stand there again, where another recording or"
             " segment begins",
-            f"cut the file before line {odd[0].number}, and give each part a row of the sheet",
+            f"cut the file before line {number}, and give each part a row of the sheet",
         )
     raise InputError(
         what, "repair these lines: a cell for each name, and one sign between all cells"

@@ -81,8 +81,7 @@ def decoded(data: bytes) -> str:
         text = data.removeprefix(b"\xef\xbb\xbf").decode()
     except UnicodeDecodeError:
         text = data.decode("cp1252", errors="replace")
-    # names and units stand in the first lines; to search an hour takes a quarter of a second
-    return SPOILED.sub(repaired, text[:LONGEST_LINE]) + text[LONGEST_LINE:]
+    return SPOILED.sub(repaired, text)
 
 
 def repaired(match: re.Match[str]) -> str:

@@ -254,7 +254,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
     between both extremes, as behind backlash. A current without noise is a command and has
     levels."""
     time, values = recorded(trial, column)
-    if values.size < 2:
+    if values.size < 2 or not np.isfinite(values).all():  # the fit refuses it
         return 0
     low, high = origin(trial, column).get("range", (-math.inf, math.inf))
     near = LIMITS.near_end * (high - low) / 2

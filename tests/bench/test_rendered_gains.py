@@ -58,8 +58,7 @@ def rewritten(folder, old, new):
     return file
 
 
-@pytest.mark.parametrize("delay", [2e-4, 2e-3])
-@pytest.mark.parametrize(("K_1", "B_1"), [(25.0, 0.66), (5.5, 0.1)])
+@pytest.mark.parametrize(("K_1", "B_1", "delay"), [(25.0, 0.66, 2e-3), (5.5, 0.1, 2e-4)])
 def test_gains_behind_a_belt_are_told_where_eq_15_does_not_fit(tmp_path, K_1, B_1, delay):
     """Of a loop whose delay is stated, and of one whose delay is fitted beside the gains."""
     unstated = rewritten(tmp_path, "loop_delay: 0.2e-3", "loop_delay: null")

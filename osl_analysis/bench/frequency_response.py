@@ -26,7 +26,6 @@ from osl_analysis.signals.filters import runs
 from osl_analysis.stats.budget import Budget, Contribution, Row, scatter, welch_satterthwaite
 from osl_analysis.stats.linear_fit import products_between
 
-"""Friction makes odd harmonics, which fall as 1/k or faster; asymmetry makes even ones."""
 WINDOW_S = 4.0  # s; of a motion that is no stepped sine
 DISTINCT_LINES = 2  # lines of a Hann window, of which each depends on its neighbours
 LEAST_POWER = 1e-4  # of the angle's strongest line

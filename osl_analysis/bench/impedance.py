@@ -19,11 +19,11 @@ from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
     DERIVATIVES,
     IMPEDANCE,
-    SIGN_WIDTHS,
     Model,
     Sums,
     columns_of,
     fit_groups,
+    friction_column,
     gram_sums,
     noise_moments,
 )
@@ -112,8 +112,7 @@ class Analysis:
         motion = record.motion
         columns = dict(self.sums.columns)
         if "T_C" in own.names:
-            sign = np.tanh(motion.omega / SIGN_WIDTHS["T_C"])
-            columns["T_C"] = record.settings.low_pass(sign, record.rate_hz)
+            columns["T_C"] = friction_column(motion.omega, record)
         of_estimates = [self.model.get(name, name) for name in own.names]
         sizes = own.estimates
         X = np.column_stack([columns[column] for column in of_estimates])
@@ -125,13 +124,9 @@ class Analysis:
             still = np.zeros_like(angle)
             return sizes @ np.array([of_frame.get(name, still) for name in of_estimates])
 
-        torques = bench_torques(record, X @ sizes, X @ angle_sizes, passed, rows)
-        errors = np.column_stack([error for _, error in torques])
-        changes = np.linalg.lstsq(X[rows], errors[rows])[0]
-        fit = own
-        for (source, _), change in zip(torques, changes.T, strict=True):
-            fit = fit.with_known_error(source, change)
-        return fit
+        return with_torque_errors(
+            own, X[rows], bench_torques(record, X @ sizes, X @ angle_sizes, passed, rows)
+        )
 
     def modelled(self, label: Label = None) -> Array:
         """Torque (n,) [N*m] of the fit to a label; a label without a fit has that of the fit to
@@ -221,7 +216,7 @@ def bench_torques(
     rows: NDArray[np.bool_ | np.intp],
 ) -> list[tuple[str, Array]]:
     """Errors of the torque (n,) [N*m] by one standard uncertainty of what is stated of the bench,
-    with their sources.
+    with their sources, in the fitted rows.
 
     Parameters
     ----------
@@ -252,7 +247,15 @@ def bench_torques(
     if bench is not None:
         # a frame that yields more turns the joint by so much less
         torques.append(("bench_stiffness", passed(bench.compliance_error * record.filtered_torque)))
-    return torques
+    return [(source, error[rows]) for source, error in torques]
+
+
+def with_torque_errors(fit: LinearFit, X: Array, torques: Sequence[tuple[str, Array]]) -> LinearFit:
+    """Add errors of the torque (n,), with their sources, to the fit of columns X (n, p)."""
+    for source, error in torques:
+        change, _ = solved(X.T @ X, X.T @ error)
+        fit = fit.with_known_error(source, change)
+    return fit
 
 
 def torque_errors(

@@ -290,6 +290,11 @@ def noise_moments(names: Sequence[str], record: Record, angle_noise: Array) -> A
     return moments
 
 
+def friction_column(omega: Array, record: Record, width: float = SIGN_WIDTHS["T_C"]) -> Array:
+    """Torque (n,) of a Coulomb friction of 1 N*m at velocities (n,) [rad/s], behind the filter."""
+    return record.settings.low_pass(np.tanh(omega / width), record.rate_hz)
+
+
 def offset_and_drift(time: Array) -> dict[str, Array]:
     """Columns (n,) of a constant, and of a ramp over times (n,) [s] that is 0 on average."""
     return {"one": np.ones_like(time), "ramp": time - time.mean()}
@@ -327,7 +332,7 @@ def sums_of(record: Record, expected: Stiffness | None = None) -> Sums:
     step = round(record.rate_hz / few.rate_hz)
     for name, width in SIGN_WIDTHS.items():
         # at the recorded rate, at which the sign changes within fewer rows
-        columns[name] = low_pass(np.tanh(omega / width), record.rate_hz)[::step]
+        columns[name] = friction_column(omega, record, width)[::step]
     if expected is not None:
         columns["linear"] = linear_torque(
             expected, columns["theta"], few.rate_hz, 3 * low_pass.cutoff_hz

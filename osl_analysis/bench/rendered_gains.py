@@ -11,12 +11,13 @@ and, to first order in s, B_d = Z'(0):
 
     K_d = K_s - c/kappa,   B_d = B_j + c (B_m + B_1 - K_1 T)/kappa^2,   kappa = K_1 + K_s/n_T^2.
 
-Linear theory has no friction, and the same gains in every motion. What a Coulomb column beside them
-would change, and half of their range over amplitudes and frequencies, are therefore errors of the
-theory, each taken for a standard uncertainty, and in the intervals: unlike K of Eq. 15, gains have
-no other value at another amplitude. Of 48 recordings by an outside generator with friction of 1 to
-5 % of the torque, all then hold K_d and B_d; without both contributions 16 hold K_d, and none B_d.
-A motion that does not tell friction from damping tells no gains.
+Linear theory has no friction, so Coulomb friction of the joint is fitted beside it, and that of the
+actuator, whose velocity is that of the joint times (K_s/n_T)/N, through which its torque acts, too.
+Friction that sticks, grows with the load or is cancelled late is no Coulomb friction, and the gains
+are the same in every motion. Half of their range over amplitudes and frequencies, with friction and
+without, is therefore an error of the theory, and in the intervals: unlike K of Eq. 15, gains have
+no other value at another amplitude. A motion that does not tell friction from damping tells no
+gains.
 """
 
 from collections.abc import Mapping
@@ -29,14 +30,14 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.base.trial import Array
-from osl_analysis.bench.impedance import Analysis, bench_torques, parts_of
+from osl_analysis.bench.impedance import Analysis, bench_torques, parts_of, with_torque_errors
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     EFFECTS_LIMIT,
-    SIGN_WIDTHS,
     Model,
     Sums,
     fit_groups,
+    friction_column,
     gram_sums,
     offset_and_drift,
 )
@@ -47,12 +48,14 @@ from osl_analysis.model.drivetrain import (
     StatedOfDevice,
     Stiffness,
     dynamic_stiffness,
+    held_actuator,
     linear_torque,
 )
 from osl_analysis.stats.budget import Budget, Contribution, unknown
-from osl_analysis.stats.linear_fit import LinearFit, solved, variance_accounted_for
+from osl_analysis.stats.linear_fit import LinearFit, variance_accounted_for
 
 SLOW = {"offset": "one", "drift": "ramp"}
+FRICTION = {"T_C": "T_C", "T_m": "T_m"}  # of the joint, and of the actuator behind the belt
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
 STEP_ROUNDING = 1e-3  # of the gains' standard errors: after a smaller step they have converged
 MOTION_CUTOFFS = 3.0  # of the low-pass, beyond which nothing of the motion is left
@@ -108,16 +111,15 @@ def rendered_gains(
     is_known = all(np.isfinite(getattr(p, name)) for name in COMPONENT_SYMBOLS)
     if not is_known or not 0 < K < p.K_s:
         return None
-    # of slow motion Eq. 15 has K_d and B_d
+    # of slow motion Eq. 15 has K_d; of a belt that does not yield, its B
     K_1 = float(stiffness_gain(K, p))
-    kappa = K_1 + p.K_s_at_actuator
-    B_1 = (analysis.whole["B"] - p.B_j) * (kappa * p.n_T / p.K_s) ** 2 - p.B_m
+    B_1 = analysis.whole["B"] / p.n_T**2
     delay = of_device.loop_delay
     fitted = ("B_1", "K_1") if delay is not None else ("B_1", "K_1", "delay")
     leg = Leg(analysis.record.coarse, p, K_1, max(B_1, 0.0), delay or 0.0, fitted)
     with suppress(IdentifiabilityError):
         for _ in range(MOST_STEPS):
-            step = fit_groups(leg.sums, leg.model)
+            step = fit_groups(leg.sums, leg.model, EFFECTS_LIMIT)
             leg = leg.moved_by(step)
             if leg.slow_damping <= 0 or leg.K_1 <= 0:
                 break  # of a joint that is no such leg
@@ -138,9 +140,14 @@ class Leg:
     fitted: tuple[str, ...]  # which of the three are
 
     @property
+    def linear_model(self) -> Model:
+        """The columns of linear theory."""
+        return {**{name: name for name in self.fitted}, **SLOW}
+
+    @property
     def model(self) -> Model:
         """The columns that are fitted."""
-        return {**{name: name for name in self.fitted}, **SLOW}
+        return {**self.linear_model, **FRICTION}
 
     @property
     def c(self) -> float:
@@ -169,29 +176,34 @@ class Leg:
         """Z [N*m/rad] at frequencies s [rad/s]."""
         return dynamic_stiffness(s, self.K_1, self.B_1, self.p, self.delay)
 
-    def torque_for(self, stiffness: Stiffness, angle: Array | None = None) -> Array:
-        """Torque (n,) [N*m] of a dynamic stiffness for an angle (n,) [rad], by default that of the
-        record."""
-        theta = self.record.motion.theta if angle is None else angle
+    def turned(self, s: Spectrum) -> Spectrum:
+        """Angle of the actuator over that of the joint, and the torque at the joint over that of
+        the actuator's friction."""
+        held = held_actuator(s, self.K_1, self.B_1, self.p, self.delay)
+        return self.p.K_s / self.p.n_T / held
+
+    def torque_for(self, stiffness: Stiffness, angle: Array) -> Array:
+        """Torque (n,) [N*m] of a dynamic stiffness for an angle (n,) [rad]."""
         highest_hz = MOTION_CUTOFFS * self.record.settings.cutoff_hz
-        return linear_torque(stiffness, theta, self.record.rate_hz, highest_hz)
+        return linear_torque(stiffness, angle, self.record.rate_hz, highest_hz)
 
     @cached_property
     def torque(self) -> Array:
         """What the controller renders for the record's motion, (n,) [N*m]."""
-        return self.torque_for(self.stiffness)
+        return self.torque_for(self.stiffness, self.record.motion.theta)
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
-        """The slopes (n,) of the torque in the gains and the delay, with offset, drift and
-        friction."""
+        """The slopes (n,) of the torque in the gains and the delay, with offset and drift, and what
+        1 N*m of friction of the joint, and of the actuator, makes of it."""
         record = self.record
         columns = {
             name: (self.stepped(name).torque - self.torque) / SLOPE_ROUNDING for name in self.fitted
         }
-        sign = np.tanh(record.motion.omega / SIGN_WIDTHS["T_C"])
-        friction = record.settings.low_pass(sign, record.rate_hz)
-        return {**columns, **offset_and_drift(record.time), "T_C": friction}
+        omega_m = self.torque_for(lambda s: s * self.turned(s), record.motion.theta)
+        columns["T_C"] = friction_column(record.motion.omega, record)
+        columns["T_m"] = self.torque_for(self.turned, friction_column(omega_m, record))
+        return {**columns, **offset_and_drift(record.time)}
 
     @cached_property
     def residual(self) -> Record:
@@ -239,38 +251,41 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     rows = record.is_fitted()
     X = np.column_stack([leg.slopes[column] for column in leg.model.values()])[rows]
 
-    with_friction = fit_groups(leg.sums, {**leg.model, "T_C": "T_C"}, EFFECTS_LIMIT)
-    fit = step.with_known_error("friction", with_friction.estimates[:-1] - step.estimates)
     passed = partial(leg.torque_for, leg.stiffness)
-    for source, error in bench_torques(record, leg.torque, leg.torque, passed, rows):
-        change, _ = solved(X.T @ X, X.T @ error[rows])
-        fit = fit.with_known_error(source, change)
-    rendered = fit.derived(leg.impedance_slopes())
+    torques = bench_torques(record, leg.torque, leg.torque, passed, rows)
+    rendered = with_torque_errors(step, X, torques).derived(leg.impedance_slopes())
 
-    slow = X[:, len(leg.fitted) :] @ np.array([step["offset"], step["drift"]])
-    unexplained = leg.residual.filtered_torque[rows] - slow
-    of_motion = ranges_over_motion(leg)
+    linear = fit_groups(leg.sums, leg.linear_model)
+    explained = X[:, : len(leg.linear_model)] @ linear.estimates
+    unexplained = leg.residual.filtered_torque[rows] - explained
+    of_friction = ranges_of_friction(leg, leg.moved_by(linear))
     of_components = contributions_of_components(leg, X, rows, uncertainties)
     return RenderedGains(
         budgets={
-            name: rendered.budget(name).plus(of_motion[name], *of_components[name])
+            name: rendered.budget(name).plus(of_friction[name], *of_components[name])
             for name in rendered.names
         },
         VAF=variance_accounted_for(record.filtered_torque[rows], unexplained),
     )
 
 
-def ranges_over_motion(leg: Leg) -> dict[str, Contribution]:
-    """Half of the ranges over amplitudes and frequencies: linear theory has none."""
-    legs = [leg]
+def ranges_of_friction(leg: Leg, linear: Leg) -> dict[str, Contribution]:
+    """Half of the ranges over amplitudes and frequencies, and with Coulomb friction of both, of the
+    joint alone, and of neither: the model has none, so that they tell what friction of another kind
+    may change."""
+    of_joint = fit_groups(leg.sums, {**leg.linear_model, "T_C": "T_C"}, EFFECTS_LIMIT)
+    legs = [leg, linear, leg.moved_by(of_joint)]
     for part in parts_of(leg.residual, leg.sums):
         with suppress(IdentifiabilityError):
-            legs.append(leg.moved_by(fit_groups(part, leg.model)))
+            legs.append(leg.moved_by(fit_groups(part, leg.model, EFFECTS_LIMIT)))
     found = {}
     for name in leg.impedance():
-        half = np.ptp([each.impedance()[name] for each in legs]) / 2
-        detail = "range over amplitudes and frequencies"
-        found[name] = Contribution("friction", half, basis="measured", detail=detail)
+        found[name] = Contribution(
+            "friction",
+            np.ptp([each.impedance()[name] for each in legs]) / 2,
+            basis="measured",
+            detail="range over amplitudes, frequencies and friction",
+        )
     return found
 
 

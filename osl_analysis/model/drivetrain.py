@@ -331,7 +331,7 @@ def passive_delay(
 
     The joint takes in energy at s = j w where Im Z is positive.
     """
-    s = 2j * np.pi * np.geomspace(highest_hz / 1e3, highest_hz, 60)
+    s = 2j * np.pi * np.geomspace(highest_hz / 1e3, highest_hz, 360)
     delays = np.arange(LONGEST_DELAY, 0, -DELAY_STEP)
     Z = dynamic_stiffness(s, K_1, B_1, p, delays[:, None])
     gives_energy = (Z.imag < 0).any(axis=1)

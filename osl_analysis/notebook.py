@@ -15,13 +15,11 @@ from osl_analysis.base.trial import Trial, read_trial
 from osl_analysis.base.yaml_settings import check_known
 from osl_analysis.bench.evidence import UNSTATED, DesiredImpedance
 from osl_analysis.campaign.configuration import OF_CONFIG, config_for_trials
-from osl_analysis.commands.fit import fit_trial, run_fit
+from osl_analysis.commands.fit import checks_of, fit_trial, run_fit
 from osl_analysis.commands.fit_results import Fit
-from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.figures.drawing import drawn, look_numbers, plotted_columns, plotted_numbers
-from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.judging import judged, marked, with_doubts_of
-from osl_analysis.judge.recording_checks import judged_table, measured_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 
 if TYPE_CHECKING:
@@ -294,16 +292,7 @@ def check(
     'pass'
     """
     check_known(EXPERIMENTS, "experiment", experiment)
-    recorded = as_trial(trial)
-    stated = config_for_trials(config)
-    validate_rules(stated.quality)
-    commanded = Commanded(
-        **{name: getattr(stated.dynamometer, name) for name in PROTOCOL},
-        longest_gap_s=stated.dynamometer.time_base.longest_gap_s,
-        clusters=stated.walking.markers.clusters,
-    )
-    measured = measure_quality(recorded, experiment, commanded)
-    return judged_table(measured_table(recorded.name, measured), stated.quality, {})
+    return checks_of(experiment, as_trial(trial), config_for_trials(config))
 
 
 def simulate_trial(

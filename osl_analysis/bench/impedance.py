@@ -418,7 +418,8 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     gain_below = low_pass.gain(noise_hz)
     for part, gain in ((slow, gain_below), (sums.fast - slow, 1 - gain_below)):
         for name in ("one", "ramp"):  # of each part the torque has its own offset and drift
-            part[sums.names.index(name)] = sums.fast[sums.names.index(name)]
+            place = sums.names.index(name)
+            part[place] = sums.fast[place]
         products = products_between(part.T, part.T, groups.first, groups.stop)
         noise = noise_moments(sums.names, few, np.array([noise_hz, power * gain**2]))
         products -= (groups.stop - groups.first)[:, None, None] * noise

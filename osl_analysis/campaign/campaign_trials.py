@@ -33,7 +33,7 @@ from osl_analysis.config.sheet import FIXTURE, RECORDINGS, SOURCES, SheetRows, r
 from osl_analysis.ingest.raw_files import read_source, recorded_files
 from osl_analysis.judge.claims import read_claims
 from osl_analysis.judge.known_findings import CHECKS
-from osl_analysis.judge.recording_checks import unknown_check, validate_rules
+from osl_analysis.judge.recording_checks import unknown_check
 from osl_analysis.model.drivetrain import joint_of, known_parameters
 from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of
 
@@ -349,7 +349,6 @@ def check_campaign(campaign: Campaign) -> None:
         check; two trials use one recording; or the analysis of walking trials lacks other trials.
     """
     check_files(campaign.config)
-    validate_rules(campaign.config.quality)
     used_parts = dict[tuple[Any, ...], list[UsedPart]]()
     for trial, row in campaign.rows.items():
         recording = tuple(row[cell] for cell in RECORDING)

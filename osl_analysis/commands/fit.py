@@ -20,7 +20,7 @@ From a recording to K, in the order in which a maintainer reads:
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from inspect import signature
 from itertools import groupby
 from pathlib import Path
@@ -52,7 +52,7 @@ from osl_analysis.bench.summaries import compensation_table, delay_table, part_s
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.fit_results import Fit, FitTables, estimated, printed_units, samples_of
-from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.sheet import Asked
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.ingest.guard import (
@@ -61,8 +61,12 @@ from osl_analysis.ingest.guard import (
     in_other_units,
     swapped_channels,
 )
-from osl_analysis.ingest.quality import saturated
+from osl_analysis.ingest.quality import Commanded, measure_quality, saturated
 from osl_analysis.judge.judging import judged, marked
+from osl_analysis.judge.recording_checks import (
+    judged_table,
+    measured_table,
+)
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     NOTHING_STATED,
@@ -338,8 +342,7 @@ def run_fit(
                 "give osl.DesiredImpedance(controller, K_d, B_d)",
             )
     asked = vars(condition) if isinstance(condition, DesiredImpedance) else {}
-    is_asked = any(value is not None for value in asked.values())
-    if windows is not None or is_asked:
+    if windows is not None or asked != vars(UNSTATED):
         validated({**asked, "windows": windows}, Asked, f"trial {trial.name}", ())
     if windows and not facts.windows:
         trial = trial.within(windows)
@@ -361,17 +364,29 @@ def fit_trial(
     table = tables.estimates[name]
     budget = tables.estimates.get("budget")
     findings = judged(table, config.doubtful.of(name), name, budget=budget)
-    curves = [table for name, table in tables.estimates.items() if name.endswith("_curves")]
+    curves = (table for name, table in tables.estimates.items() if name.endswith("_curves"))
     of_model = tables.samples.filter(pl.col("torque_model").is_finite())
     series = of_model.select(pl.col("time") - pl.col("time").first(), "torque", "torque_model")
     return Fit(
         experiment=experiment,
         table=marked(table, findings, name),
         series=series,
-        curves=curves[0] if curves else None,
-        findings=findings,
+        curves=next(curves, None),
+        of_estimates=findings,
         budget=budget,
+        checked=partial(checks_of, experiment, trial, config, windows or ""),
     )
+
+
+def checks_of(experiment: str, trial: Trial, config: Config, windows: str = "") -> pl.DataFrame:
+    """The checks of a recording, a row each, as in `quality.csv`."""
+    commanded = Commanded(
+        **{name: getattr(config.dynamometer, name) for name in PROTOCOL},
+        longest_gap_s=config.dynamometer.time_base.longest_gap_s,
+        clusters=config.walking.markers.clusters,
+    )
+    measured = measure_quality(trial, experiment, commanded, windows)
+    return judged_table(measured_table(trial.name, measured), config.quality, {})
 
 
 # What may mend a recording whose fit is refused, by a wrong sign, unit or channel: the error names

@@ -6,7 +6,7 @@ import math
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.figures.drawing import completed, drawn
+from osl_analysis.judge.campaign import failed_checks
 from osl_analysis.judge.finding import Finding, Grade, finding_text
 from osl_analysis.judge.judging import budgets_of_rows
 from osl_analysis.stats.budget import IN_INTERVAL, Budget
@@ -234,10 +235,13 @@ class Fit:
     curves : polars.DataFrame or None
         Torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another
         experiment.
-    findings : Sequence of Sequence of Finding
-        What was judged of each row: doubts, what could not be checked, notes.
+    of_estimates : Sequence of Sequence of Finding
+        What was judged of the estimates of each row: doubts, what could not be checked, notes.
     budget : polars.DataFrame or None
         What contributes to the uncertainty of each estimate, as in `budget.csv`.
+    checked : callable
+        Gives the checks of the recording, as in `quality.csv`. They are made where `findings` are
+        asked for.
 
     Examples
     --------
@@ -250,18 +254,20 @@ class Fit:
     table: pl.DataFrame
     series: pl.DataFrame
     curves: pl.DataFrame | None
-    findings: Sequence[Sequence[Finding]] = ()
-    budget: pl.DataFrame | None = None
+    of_estimates: Sequence[Sequence[Finding]]
+    budget: pl.DataFrame | None
+    checked: Callable[[], pl.DataFrame]
+
+    @cached_property
+    def findings(self) -> list[Sequence[Finding]]:
+        """Those of each row; the fit to all data has failed checks of the recording, too."""
+        *of_amplitudes, of_whole = self.of_estimates
+        return [*of_amplitudes, [*of_whole, *failed_checks(self.checked())]]
 
     @property
     def row(self) -> Mapping[str, Any]:
         """The fit to all data, by the columns of the table."""
         return self.table.row(-1, named=True)
-
-    @property
-    def trial(self) -> str:
-        """Name of the trial."""
-        return str(self.row["trial"])
 
     @property
     def doubtful(self) -> str:
@@ -285,8 +291,7 @@ class Fit:
 
     def sentences(self, grade: Grade) -> list[str]:
         """The findings of a grade about the fit to all data, in words."""
-        of_whole = self.findings[-1] if self.findings else ()
-        return [finding_text(finding) for finding in of_whole if finding.grade is grade]
+        return [finding_text(each) for each in self.findings[-1] if each.grade is grade]
 
     def __getattr__(self, name: str) -> Any:
         """A column of the table, of the fit to all data, or its `NAME_interval`."""

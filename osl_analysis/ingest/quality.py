@@ -365,7 +365,7 @@ def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array], at_ra
     times = leaps.get("torque", np.empty(0))
     of_angle = sum(len(of_column) for of_column in leaps.values()) - len(times)
     if of_angle:
-        return "rows were lost or doubled"
+        return "the angle froze, or rows were lost or doubled"
     if at_rail > LIMITS.at_end:
         return "the torque stands at an end of its range"
     if times.size >= LIMITS.fewest_at_stop:

@@ -15,9 +15,9 @@ from typing import Any
 import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
-from osl_analysis.base.errors import InputError, nearest
+from osl_analysis.base.errors import nearest
 from osl_analysis.base.table import unquoted
-from osl_analysis.base.yaml_settings import Settings, misplaced, text_in
+from osl_analysis.base.yaml_settings import Settings, misplaced
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.ingest.quality import CheckResult
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
@@ -33,18 +33,18 @@ class QualityRules(Settings):
     # Checks whose failure excludes a trial from every table and figure but that of quality.
     exclude: tuple[str, ...] = ()
 
-    @model_validator(mode="before")
-    @classmethod
-    def _checks_are_known(cls, content: Any) -> Any:
-        if not isinstance(content, Mapping):
-            return content  # it is refused next
-        places = {name: name for name in content if name != "exclude"}
-        if isinstance(content.get("exclude"), list):
-            places.update(dict.fromkeys(map(text_in, content["exclude"]), "exclude"))
-        for name, place in places.items():
+    @model_validator(mode="after")
+    def _checks_are_known(self) -> "QualityRules":
+        thresholds = self.__pydantic_extra__
+        for name in (*thresholds, *self.exclude):
             if name not in CHECKS:
-                raise misplaced(unknown_check(text_in(name)), place)
-        return content
+                raise misplaced(unknown_check(name), name if name in thresholds else "exclude")
+        for name, threshold in thresholds.items():
+            unit = CHECKS[name].unit
+            if not re.fullmatch(rf"\d+(\.\d*)?(e-?\d+)? +{re.escape(unit)}", threshold):
+                reason = f"'{threshold}' must be a number from 0 and its unit, as in '1 {unit}'"
+                raise misplaced(reason, name)
+        return self
 
     def limit(self, check: str) -> float:
         """The threshold of a check, in its unit."""
@@ -58,17 +58,6 @@ def unknown_check(name: str) -> str:
     return (
         f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}{nearest(name, CHECKS)}"
     )
-
-
-def validate_rules(rules: QualityRules) -> None:
-    """Refuse a threshold that is no number in the unit of its check with InputError."""
-    for name, threshold in (rules.__pydantic_extra__ or {}).items():
-        unit = CHECKS[name].unit
-        if not re.fullmatch(rf"\d+(\.\d*)?(e-?\d+)? +{re.escape(unit)}", threshold):
-            raise InputError(
-                f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0"
-                f" and its unit, as in '1 {unit}'"
-            )
 
 
 def spoiled_trials(verdicts: pl.DataFrame) -> dict[str, str]:

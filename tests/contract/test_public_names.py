@@ -124,7 +124,7 @@ def test_results_of_another_release_are_refused_from_any_folder(monkeypatch, sch
 
 def test_an_unknown_name_or_column_is_none():
     table = pl.DataFrame({"trial": "a", "K_s": 685.6, "K_s_low": 680.0, "K_s_high": None})
-    fit = osl.Fit("belt", table, pl.DataFrame(), None)
+    fit = osl.Fit("belt", table, pl.DataFrame(), None, (), None, pl.DataFrame)
 
     assert not hasattr(osl, "fit_impedence")
     assert fit.K_s_interval == pytest.approx((680.0, np.nan), nan_ok=True)

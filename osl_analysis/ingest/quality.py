@@ -365,13 +365,13 @@ def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array], at_ra
     times = leaps.get("torque", np.empty(0))
     of_angle = sum(len(of_column) for of_column in leaps.values()) - len(times)
     if of_angle:
-        return "the angle froze, or rows were lost or doubled"
+        return "the angle froze or slipped, or rows were lost or doubled"
     if at_rail > LIMITS.at_end:
         return "the torque stands at an end of its range"
     if times.size >= LIMITS.fewest_at_stop:
         at = np.interp(times, *angle)
         if np.std(at) < LIMITS.one_angle * np.ptp(angle[1]):
-            return f"the joint runs into a stop at {np.rad2deg(at.mean()):.3g} deg, move it by less"
+            return f"a stop (move it by less) or backlash at {np.rad2deg(at.mean()):.3g} deg"
     return "a sensor failed"
 
 

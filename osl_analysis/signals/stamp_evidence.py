@@ -167,10 +167,11 @@ class Reading(NamedTuple):
     why: str  # one sentence for the provenance
 
     def times(self, clock: DeviceClock) -> Array:
-        """When the rows of a clock were sampled, (n,) [s]: values older than true stamps were taken
-        between earlier ones."""
+        """When the rows of a clock were sampled, (n,) [s]: those of an even device on its line,
+        or, where the stamps do not come back to it, about it as they creep; values older than true
+        stamps were taken between earlier ones."""
         if self.even:
-            return clock.times()
+            return clock.times() + (not clock.settles) * clock.creep
         if not self.age:
             return clock.stamps
         older = np.interp(clock.count - self.age, clock.count, clock.stamps)
@@ -227,10 +228,10 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
         age = round(AGES[np.argmin(lack_of_fit[1:])], 3) if has_age else 0.0
         older = f", values {age:.1f} loops older than their stamps" if age else ""
         return Reading(False, age, True, f"true{older}: {', '.join(responses)}")
-    elif not clock.settles:
-        reading = Reading(False, 0.0, False, f"undecided, true: {wanders}")
     elif lack_of_fit_of_true >= lack_of_fit_of_even + DECISIVE:
         return Reading(True, 0.0, True, f"even: {', '.join(responses)}")
+    elif not clock.settles:
+        reading = Reading(False, 0.0, False, f"undecided, true: {wanders}")
     else:
         reading = Reading(True, 0.0, False, f"undecided, even: {wanders}")
     return reading._replace(why=", ".join([reading.why, *responses]))

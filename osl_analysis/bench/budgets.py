@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.friction import DryFriction
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.lags import Belt
 from osl_analysis.bench.record import Record
@@ -26,7 +27,7 @@ from osl_analysis.stats.budget import (
     budget_rows,
     unknown,
 )
-from osl_analysis.stats.linear_fit import FALSE_ALARM, LinearFit
+from osl_analysis.stats.linear_fit import FALSE_ALARM
 from osl_analysis.stats.rounding import significant
 
 VISCOELASTIC = "viscoelastic branch"
@@ -68,7 +69,7 @@ def stated_models(record: Record) -> set[str]:
     """The candidate models that what is stated of the bench rules out. A known spring shows the
     delay, the low-pass and the frame at once."""
     settings = record.settings
-    stated = set[str]()
+    stated: set[str] = set()
     if any(each["delay_s"] for each in record.streams):
         stated.add("delay")
     if settings.bench_stiffness is not None:
@@ -127,8 +128,7 @@ class WhatElse:
     analysis: Analysis  # Eq. 15 itself
     belt: Belt  # of a leg
     joint: ImpedanceInference | None  # of a joint: the candidate models; None: not weighed
-    is_friction_untold: bool  # whether the motion does not tell friction from damping
-    without_friction: LinearFit | None  # where friction is certain
+    friction: DryFriction
     ranges: Mapping[str, tuple[float, float]]  # of estimates over amplitudes and frequencies
     gains_are_known: bool  # and tell a wrong gain of torque over angle
 
@@ -197,7 +197,7 @@ def unchecked(found: WhatElse, name: str) -> list[Contribution]:
         rows.append(unknown("fixture_inertia", "kg*m^2", I=1.0))
     if found.joint is None:
         rows.append(unknown("change_over_time", K=0.0))
-    if found.is_friction_untold:
+    if found.friction.is_untold:
         rows.append(unknown("friction", B=0.0))
     return [of_source[name] for of_source in rows if name in of_source]
 
@@ -207,7 +207,7 @@ def with_other_contributions(found: WhatElse, own: Mapping[str, Budget]) -> dict
     would change, source by source; and, where friction is certain, those without it, and what it
     changes."""
     stated = stated_models(found.analysis.record)
-    less = found.without_friction
+    less = found.friction.without
     complete = dict(own)
     if less and "T_C" in less.names:
         complete["f_C"] = less.budget("T_C")

@@ -10,22 +10,18 @@ import polars as pl
 
 from osl_analysis.bench.budgets import WhatElse, fit_tables, with_other_contributions
 from osl_analysis.bench.friction import (
-    CERTAIN_FRICTION,
+    DryFriction,
     actuator_of_leg,
-    coulomb_fit,
-    fit_less,
-    frictionless_leg,
+    friction_of_joint,
+    friction_of_leg,
     inferred_of_joint,
-    is_friction_untold,
-    with_other_shapes,
 )
 from osl_analysis.bench.impedance import Analysis, parts_of, range_over
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
-from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, sums_of
+from osl_analysis.bench.regression import IMPEDANCE, Sums, sums_of
 from osl_analysis.bench.rendered_gains import rendered_gains
-from osl_analysis.inference import FrictionlessActuator
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import (
     NOTHING_STATED,
@@ -127,15 +123,10 @@ def impedance_table(
     InputError
         The torque drives the motion, or the joint is stiffer than the bench.
     """
+    check_joint(analysis, desired)
     record = analysis.record
-    whole = analysis.whole
-    check_stiffer(record.name, "K", whole["K"], record.settings.bench_stiffness)
-    has_losses = whole.interval("B")[0] >= 0 or whole.interval("I")[0] > 0
-    if whole["K"] < 0 and (desired.K_d or not has_losses):
-        # with the right sign K may be negative, as of a weight above the axis, if none is stated;
-        # B or I is then certainly positive
-        check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
 
+    # linear theory of the device, where its gains are known, and what they render
     expected = None
     if p and gains:
         expected = partial(dynamic_stiffness, K_1=gains.K_1, B_1=gains.B_1, p=p)
@@ -143,9 +134,10 @@ def impedance_table(
     rendered = None
     if p and desired.controller:
         rendered = rendered_gains(analysis, p, of_device)
-    is_of_gains = rendered is not None and rendered.VAF > whole.vaf
+    is_of_gains = rendered is not None and rendered.VAF > analysis.whole.vaf
     found = what_else(analysis, s, p, is_of_gains, bool(gains))
 
+    # what all rows have
     other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
         **vars(desired),
@@ -159,6 +151,8 @@ def impedance_table(
         # a drivetrain is of higher order: Eq. 15 fitted to the linear model's torque
         of_gains = s.estimates([*IMPEDANCE.values()], "linear")
         of_trial.update(K_predicted=of_gains[0], B_predicted=of_gains[1])
+
+    # a row of each amplitude, and last that of the whole trial
     fits = []
     for label in analysis.fits:
         row: Row = {
@@ -182,6 +176,8 @@ def impedance_table(
                 budgets.update(rendered.budgets)
         fits.append((row, budgets))
     tables = fit_tables("impedance", *fits)
+
+    # the estimates beside what is known
     table = tables["impedance"]
     # a leg's friction hides it without compensation; Eq. 15 is of motion below the cut-off
     if gains and gains.cancels_friction and record.band_hz[1] <= record.settings.cutoff_hz:
@@ -189,6 +185,19 @@ def impedance_table(
     of_whole = fits[-1][1]
     K = of_whole.get(WITHOUT_FRICTION["K"], of_whole["K"])
     return {**tables, "impedance": beside_known(table, p, desired, K)}
+
+
+def check_joint(analysis: Analysis, desired: DesiredImpedance) -> None:
+    """Refuse a torque that drives the motion, or a joint that is stiffer than its bench, with
+    InputError."""
+    whole = analysis.whole
+    trial = analysis.record.name
+    check_stiffer(trial, "K", whole["K"], analysis.record.settings.bench_stiffness)
+    has_losses = whole.interval("B")[0] >= 0 or whole.interval("I")[0] > 0
+    if whole["K"] < 0 and (desired.K_d or not has_losses):
+        # with the right sign K may be negative, as of a weight above the axis, if none is stated;
+        # B or I is then certainly positive
+        check_resists(trial, "K", whole["K"], whole.interval("K")[1])
 
 
 def damping_gap() -> pl.Expr:
@@ -207,41 +216,38 @@ def what_else(
     is_of_gains: bool,
     gains_are_known: bool,
 ) -> WhatElse:
-    """Weigh the candidate models of a joint or look at the belt of a leg, and fit dry friction."""
+    """What a recording tells beside Eq. 15: of a leg its belt, of a joint the candidate models, and
+    of both dry friction and the range over the motion."""
     record = analysis.record
-    of_leg = is_leg(record, p, is_of_gains)
-    joint = None if of_leg else inferred_of_joint(record)
-    inferred = actuator_of_leg(record) if of_leg else joint
-    is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
-    if of_leg and "theta_m" not in record.actuator:
-        is_certain = False  # the drivetrain passes for friction of the joint
-    is_told, coulomb = coulomb_fit(s, analysis, is_certain)
-    without = coulomb
-    column = "T_C"
-    if isinstance(inferred, FrictionlessActuator) and is_certain:
-        # it acts behind the belt, where its size need not show
-        s, without = frictionless_leg(analysis, inferred)
-        column = "friction"
-    elif joint and coulomb:
-        without = with_other_shapes(coulomb, joint)
-    parts = list(parts_of(record, s))
-    fit_part = partial(fit_groups, model=IMPEDANCE)
-    ranges = range_over(parts, fit_part, analysis.whole)
-    if without:
-        size = without["T_C"] if "T_C" in without.names else 1.0
-        fit_part = partial(fit_less, column=column, size=size)
-        less = range_over(parts, fit_part, without)
-        ranges |= {WITHOUT_FRICTION[name]: ends for name, ends in less.items()}
+    joint = None
+    belt = Belt()
+    if is_leg(record, p, is_of_gains):
+        friction = friction_of_leg(s, analysis, actuator_of_leg(record))
+        if p and "theta_m" in record.actuator:
+            belt = belt_of_leg(record, p)
+    else:
+        joint = inferred_of_joint(record)
+        friction = friction_of_joint(s, analysis, joint)
     return WhatElse(
         analysis=analysis,
-        belt=belt_of_leg(record, p) if p and of_leg and "theta_m" in record.actuator else Belt(),
+        belt=belt,
         joint=joint,
-        is_friction_untold=not (of_leg and inferred)
-        and is_friction_untold(s, analysis, is_told, coulomb, inferred is not None),
-        without_friction=without,
-        ranges=ranges,
+        friction=friction,
+        ranges=ranges_over_motion(analysis, friction),
         gains_are_known=gains_are_known,
     )
+
+
+def ranges_over_motion(analysis: Analysis, friction: DryFriction) -> dict[str, tuple[float, float]]:
+    """The range of each estimate over amplitudes and frequencies, with friction and without it,
+    where this is certain."""
+    parts = list(parts_of(analysis.record, friction.sums))
+    ranges = range_over(parts, analysis.whole)
+    if friction.without:
+        less_friction = [part.less("T_C", friction.size) for part in parts]
+        for name, ends in range_over(less_friction, friction.without).items():
+            ranges[WITHOUT_FRICTION[name]] = ends
+    return ranges
 
 
 def beside_known(
@@ -275,7 +281,7 @@ def beside_known(
     whole = table.row(-1, named=True)
     largest = table.sort("amplitude_deg")["K"][-1]
     of_spring = whole["K_without_friction"] or largest
-    known = dict[str, float | pl.Expr]()
+    known: dict[str, float | pl.Expr] = {}
     predicted = whole["K_predicted"]
     if predicted:
         known["K_ratio"] = of_spring / predicted

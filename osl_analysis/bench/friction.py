@@ -9,7 +9,7 @@ a spring: its effect is told by the actuator's angle.
 """
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,9 +50,29 @@ CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine i
 SEEN_SHARE = 0.02
 
 
-def coulomb_fit(
-    s: Sums, analysis: Analysis, is_certain: bool | None = None
-) -> tuple[bool, LinearFit | None]:
+@dataclass(frozen=True)
+class DryFriction:
+    """Dry friction of a trial, and the fit without it.
+
+    Attributes
+    ----------
+    sums : Sums
+        Of a coarse record, whose column `T_C` is friction's torque.
+    without : LinearFit or None
+        The model fitted to the torque less friction; None where friction is not certain.
+    size : float
+        Times the column.
+    is_untold : bool
+        Whether the motion does not tell friction from damping.
+    """
+
+    sums: Sums
+    without: LinearFit | None = None
+    size: float = 1.0
+    is_untold: bool = False
+
+
+def coulomb_fit(s: Sums, analysis: Analysis, is_certain: bool | None = None) -> DryFriction:
     """Fit the model to the torque of all of a trial less its Coulomb friction.
 
     A joint that mostly rests moves by steps between a few levels: each has the same speeds, at
@@ -73,25 +93,24 @@ def coulomb_fit(
 
     Returns
     -------
-    is_told : bool
-        Whether the motion tells friction from damping.
-    fit : LinearFit or None
-        The estimates and the friction `T_C` [N*m]; None where this is not certain.
+    DryFriction
+        Its fit has the estimates and the friction `T_C` [N*m].
     """
     velocity = analysis.record.motion.omega[analysis.record.is_fitted()]
     if np.mean(np.abs(velocity) < AT_REST * velocity.std()) > MOST_REST:
-        return False, None
+        return DryFriction(s, is_untold=True)
     model = analysis.model
     try:
         smooth = friction_beside(s, model, "T_C")
         if is_certain is False or not smooth.certain("T_C") or smooth["T_C"] <= 0:
-            return True, None
+            return DryFriction(s)
         fit = without_friction(s, model, smooth)
         sharp = friction_beside(s, model, "T_C_sharp")
         of_width = without_friction(s, model, sharp).estimates - fit.estimates
     except IdentifiabilityError:
-        return False, None
-    return True, with_errors_of(analysis, fit.with_known_error("friction_sign", of_width))
+        return DryFriction(s, is_untold=True)
+    fit = with_errors_of(analysis, fit.with_known_error("friction_sign", of_width))
+    return DryFriction(s, fit, size=fit["T_C"])
 
 
 def with_errors_of(analysis: Analysis, fit: LinearFit) -> LinearFit:
@@ -167,7 +186,21 @@ def actuator_of_leg(record: Record) -> FrictionlessActuator | None:
     return None
 
 
-def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tuple[Sums, LinearFit]:
+def friction_of_leg(
+    s: Sums, analysis: Analysis, actuator: FrictionlessActuator | None
+) -> DryFriction:
+    """Dry friction of a leg: that of its `actuator`, behind the belt, where the recording tells how
+    this moves without friction; else that of a joint, if there is theta_m."""
+    if actuator is None:
+        # without theta_m the drivetrain passes for friction of the joint
+        is_certain = None if "theta_m" in analysis.record.actuator else False
+        return coulomb_fit(s, analysis, is_certain)
+    if actuator.friction_probability > CERTAIN_FRICTION:
+        return frictionless_leg(analysis, actuator)
+    return DryFriction(s)
+
+
+def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> DryFriction:
     """Fit Eq. 15 to the torque that a leg would have without the friction of its actuator.
 
     Friction turns the actuator to theta_m instead of theta_m0, and the belt makes a torque of it:
@@ -176,10 +209,8 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tupl
 
     Returns
     -------
-    sums : Sums
-        Of a coarse record, with that torque in the column `friction`.
-    fit : LinearFit
-        Of all of it, for the torque less that column.
+    DryFriction
+        Its size need not show.
     """
     record = analysis.record
     few = record.coarse
@@ -196,20 +227,15 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tupl
     bounds = np.array([actuator.angles(theta, z, few.rate_hz) for z in (hysteresis, 0 * theta)])
     torques = kappa * (theta_m - bounds.mean(axis=0))
     of_hysteresis = kappa * (bounds[0, 0] - bounds[1, 0]) / 2
-    sums = gram_sums(few, {**columns, "friction": torques[0]}, record.angle_noise)
-    fit = fit_less(sums, "friction", 1.0)
+    sums = gram_sums(few, {**columns, "T_C": torques[0]}, record.angle_noise)
+    fit = fit_groups(sums.less("T_C", 1.0), IMPEDANCE)
     by_torque = np.linalg.pinv(X[:, rows].T)
     of_blocks = deviations(torques[:, rows] @ by_torque.T)
     of_formula = MISSED_OF_FRICTION * (analysis.whole.estimates - fit.estimates)
     of_bounds = by_torque @ of_hysteresis[rows] / np.sqrt(3)  # a rectangular distribution
     errors = np.vstack([of_blocks, of_formula, of_bounds])
     fit = fit.with_known_error("friction_shape", np.linalg.norm(errors, axis=0))
-    return sums, with_errors_of(analysis, fit)
-
-
-def fit_less(s: Sums, column: str, size: float) -> LinearFit:
-    """Eq. 15 for the torque less `size` times a column. Raises as `fit_groups`."""
-    return fit_groups(s.less(column, size), IMPEDANCE)
+    return DryFriction(sums, with_errors_of(analysis, fit))
 
 
 def inferred_of_joint(record: Record) -> ImpedanceInference | None:
@@ -225,6 +251,17 @@ def inferred_of_joint(record: Record) -> ImpedanceInference | None:
     return None
 
 
+def friction_of_joint(s: Sums, analysis: Analysis, joint: ImpedanceInference | None) -> DryFriction:
+    """Dry friction of a joint: where the inference is certain of it, or, without an inference, the
+    Coulomb column itself."""
+    if joint is None:
+        return coulomb_fit(s, analysis)
+    friction = coulomb_fit(s, analysis, joint.friction_probability > CERTAIN_FRICTION)
+    if friction.without:
+        return replace(friction, without=with_other_shapes(friction.without, joint))
+    return replace(friction, is_untold=friction.is_untold or passes_for_damping(s, analysis))
+
+
 def with_other_shapes(fit: LinearFit, joint: ImpedanceInference) -> LinearFit:
     """A joint's fit without friction, with what friction of another shape would change, as the
     inference tells: a rectangular distribution (JCGM 100:2008, 4.3.7)."""
@@ -232,16 +269,8 @@ def with_other_shapes(fit: LinearFit, joint: ImpedanceInference) -> LinearFit:
     return fit.with_known_error("friction_shape", (others - fit.estimates) / np.sqrt(3))
 
 
-def is_friction_untold(
-    s: Sums, analysis: Analysis, is_told: bool, coulomb: LinearFit | None, is_weighed: bool
-) -> bool:
-    """Whether the motion of a joint does not tell friction from damping: the column is collinear
-    with it (not `is_told`), or takes a part of the damping that the inference, where it
-    `is_weighed`, does not see."""
-    if not is_told:
-        return True
-    if coulomb is not None or not is_weighed:
-        return False
+def passes_for_damping(s: Sums, analysis: Analysis) -> bool:
+    """Whether the Coulomb column takes a part of the damping of a joint."""
     friction = friction_beside(s, analysis.model, "T_C")
     if not friction.certain("T_C"):
         return False

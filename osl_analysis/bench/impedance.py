@@ -387,9 +387,9 @@ def parts_of(record: Record, sums: Sums) -> Iterator[Sums]:
     groups = sums.groups
     hz = np.array([stratum.frequency_hz for stratum in groups.strata])
     if groups.kind == "cycles":
-        labels = dict.fromkeys(stratum.label for stratum in groups.strata)
+        labels = {stratum.label for stratum in groups.strata}
         for label in labels:
-            own_hz = np.unique([each.frequency_hz for each in groups.strata if each.label == label])
+            own_hz = {each.frequency_hz for each in groups.strata if each.label == label}
             if len(labels) > 1 and len(own_hz) > 1:
                 yield sums.chosen(groups.of(label))
         sines_hz = np.unique(hz)
@@ -426,17 +426,13 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
         yield replace(sums, weighted=products, noise=noise)
 
 
-def range_over(
-    parts: Sequence[Sums],
-    fit: Callable[[Sums], LinearFit],
-    whole: LinearFit,
-) -> dict[str, tuple[float, float]]:
-    """The lowest and the highest of each estimate of the whole motion and of its parts; empty where
-    no part tells them."""
+def range_over(parts: Sequence[Sums], whole: LinearFit) -> dict[str, tuple[float, float]]:
+    """The lowest and the highest K, B and I of the whole motion and of its parts; empty where no
+    part tells them."""
     fits = [whole]
     for part in parts:
         with suppress(IdentifiabilityError):
-            fits.append(fit(part))
+            fits.append(fit_groups(part, IMPEDANCE))
     if len(fits) == 1:
         return {}
     values = {name: [each[name] for each in fits] for name in QUANTITIES}

@@ -281,7 +281,7 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
     which shows it."""
     record = analysis.record
     s = sums_of(record)
-    _, without = coulomb_fit(s, analysis)
+    without = coulomb_fit(s, analysis).without
     fits = []
     for label in analysis.fits:
         budgets = analysis.budgets(label, *LOSSES)

@@ -155,8 +155,11 @@ class Sums:
         """Those of the torque less `size` times a column."""
         change = np.eye(len(self.names))
         change[-2:, self.names.index(column)] = -size
-        gram = change @ self.gram @ change.T
-        return replace(self, gram=gram, weighted=change @ self.weighted @ change.T)
+        return replace(
+            self,
+            gram=change @ self.gram @ change.T,
+            weighted=change @ self.weighted @ change.T,
+        )
 
     def products(self, gram: Array, names: Sequence[str]) -> Array:
         """Products of some columns with one another in each group, (m, k, k), from `gram` or the
@@ -357,6 +360,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
     IdentifiabilityError
         A column is 0 throughout, or the condition number is above the limit.
     """
+    # estimates: normal equations A x = b of all groups g together
     columns = list(model.values())
     products = s.products(s.weighted, [*columns, "torque", "raw torque"])
     A_g = products[:, :-2, :-2]
@@ -366,10 +370,12 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
     varies = [k for k, column in enumerate(columns) if column != "one"]
     estimates, inverse = solved(A, b, tuple(model), varies, limit)
 
+    # their scatter: of what repeats, or of fits without a group each
     repeat = s.groups.repeat()
     if repeat.any():
-        # before the low-pass, noise is independent from row to row
-        noise_g = (products[:, :-2, -1] - A_g @ estimates) @ inverse
+        # of the raw torque: before the low-pass, noise is independent from row to row
+        raw_g = products[:, :-2, -1]
+        noise_g = (raw_g - A_g @ estimates) @ inverse
         covariance, freedom = between_cycles(noise_g[repeat], s.groups.stratum[repeat])
         # a group that repeats no other, as the one settled cycle of a sine, is taken to scatter as
         # the others do: by its share in what white noise of the torque does to each estimate
@@ -378,14 +384,17 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
         covariance *= np.outer(more, more)
     else:
         covariance, freedom = left_out(A, b, A_g, b_g)
-    # what is slower than a motion hardly counts beside it, and tells offset and drift, whose
-    # covariance no table has
-    is_slow = np.isin(columns, ["one", "ramp"])
+
+    # offset and drift anew, from what the other columns leave of the torque: what is slower than
+    # the motion tells them, and hardly counts above. No table has their covariance
     sums = s.products(s.gram, [*columns, "torque", "one"]).sum(axis=0)
-    slow_sums = sums[:-2][is_slow]
-    left = slow_sums[:, -2] - slow_sums[:, :-2][:, ~is_slow] @ estimates[~is_slow]
-    estimates[is_slow], _ = solved(slow_sums[:, :-2][:, is_slow], left)
-    # VAF with an own offset
+    is_slow = np.isin(columns, ["one", "ramp"])
+    of_slow = sums[:-2][is_slow]
+    A_slow = of_slow[:, :-2]
+    left = of_slow[:, -2] - A_slow[:, ~is_slow] @ estimates[~is_slow]
+    estimates[is_slow], _ = solved(A_slow[:, is_slow], left)
+
+    # VAF, with an own offset, from the covariance of columns and torque
     means = sums / sums[-1, -1]
     moments = means[:-1, :-1] - np.outer(means[-1, :-1], means[-1, :-1])
     weights = np.append(-estimates, 1.0)
@@ -394,7 +403,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
         names=tuple(model),
         estimates=estimates,
         covariance=covariance,
-        vaf=vaf_by_moments(float(unexplained), float(moments[-1, -1]), float(means[-2, -2])),
+        vaf=vaf_by_moments(unexplained, moments[-1, -1], means[-2, -2]),
         interval_method="repeats" if repeat.any() else "blocks",
         degrees_of_freedom=freedom,
     )

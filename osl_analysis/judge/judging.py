@@ -70,9 +70,9 @@ class Judged:
     needed: float
     own: Budget  # with what friction changes, where this is taken off the judged estimate
 
-    def moved(self, by: float | None) -> str:
+    def moved(self, by: float) -> str:
         """What a source would change, in words."""
-        return f"{self.name} by up to {significant(by or 0.0)} {self.unit}"
+        return f"{self.name} by up to {significant(by)} {self.unit}"
 
     def width(self, name: str, budget: Budget) -> str:
         """How wide its interval is, or that without friction, beside what is needed, in words."""
@@ -312,7 +312,7 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
 def of_estimates(name: str, grade: Grade, evidence: Sequence[Beyond], size: str) -> Finding:
     """A finding about the estimates of its evidence alone."""
     estimates = tuple(number.column for number in evidence)
-    return Finding(name, "", "", grade, tuple(evidence), estimates=estimates, size=size)
+    return Finding(name, grade=grade, evidence=tuple(evidence), estimates=estimates, size=size)
 
 
 def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
@@ -434,8 +434,8 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
         of_whole = of_wholes.get(trial, []) if amplitude_deg is not None else []
         found = [*of_row, *of_whole]
         verdicts = {f"{symbol}_verdict": text for symbol, text in verdicts_of(found).items()}
-        others = {"remarks": short_list(found, False)}
-        marks.append({DOUBTFUL: short_list(found, True), **verdicts, **others})
+        doubts = short_list(found, True)
+        marks.append({DOUBTFUL: doubts, **verdicts, "remarks": short_list(found, False)})
     verdicts_on = [f"{symbol}_verdict" for symbol in QUANTITIES]
     columns = [each for each in (*verdicts_on, "remarks") if each in described]
     marking = pl.DataFrame(marks, schema=dict.fromkeys([DOUBTFUL, *columns], pl.String))

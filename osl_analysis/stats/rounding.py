@@ -15,10 +15,10 @@ def significant(value: float, digits: int = 2) -> str:
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
-def rounded_up(value: float, digits: int = 2) -> str:
-    """Write a bound with `digits` significant digits: 2.4028 is within 2.5. What differs in the
-    tenth digit is rounding."""
-    return f"{Context(digits, ROUND_CEILING).create_decimal(significant(value, 9)):f}"
+def rounded_up(value: float) -> str:
+    """Write a bound with two significant digits: 2.4028 is within 2.5. What differs in the tenth
+    digit is rounding."""
+    return f"{Context(2, ROUND_CEILING).create_decimal(significant(value, 9)):f}"
 
 
 def decimal_places(

@@ -109,7 +109,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     for stated in ({}, {"torque_gain": 0.02}, {"hysteresis": 0.02}):
         own = with_settings(record, calibration=Calibration(**stated))
         analysis = analysed(own, IMPEDANCE)
-        fits.append(coulomb_fit(sums_of(own), analysis)[1])
+        fits.append(coulomb_fit(sums_of(own), analysis).without)
     plain, gain, loop = fits
     more = [
         np.sqrt(fit.se(name) ** 2 - plain.se(name) ** 2)

@@ -20,6 +20,7 @@ from shipped import LEG as P
 from osl_analysis.base.trial import Trial
 from osl_analysis.bench.budgets import WhatElse, certain_lag
 from osl_analysis.bench.evidence import impedance_table
+from osl_analysis.bench.friction import DryFriction
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
@@ -192,7 +193,7 @@ def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     lag = LinearFit(("lag_s",), *numbers)
 
     analysis = SimpleNamespace(whole={"K": 300.0, "B": 2.0})
-    found = WhatElse(analysis, Belt(lag=lag), None, False, None, {}, False)
+    found = WhatElse(analysis, Belt(lag=lag), None, DryFriction(None), {}, False)
 
     assert not certain_lag(found, "K")
     assert certain_lag(found, "B")[0].standard == pytest.approx(3)

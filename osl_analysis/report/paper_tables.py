@@ -39,7 +39,8 @@ DAGGER = (
 WIDTHS = (
     "repeatability, sensor, bench, all: half of the 95 % interval of one trial, by part and by all"
     " of them; range: half of the range over amplitudes and frequencies; each the median over n"
-    " trials. mean of n: half of the 95 % interval of their mean"
+    " trials; `bench` has friction's shape. mean of n: half of the 95 % interval of their mean,"
+    " with the scatter between trials"
 )
 
 

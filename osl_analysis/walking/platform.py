@@ -345,7 +345,7 @@ def align(ramps: list[Ramp]) -> tuple[Array, float, Mask]:
 
 def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     """Find the start [s] of a ramp (n,) at times (n,) [s], from a smooth step fitted to its rise,
-    and its standard error [s]: how far the starts of all steps are from it, by their likelihoods.
+    and its standard error [s]: that of a step whose shape is free, too.
 
     Steps are the incomplete beta functions I(x; p, p): a straight ramp for p = 1, a cubic for 2,
     minimum jerk for 3, degree seven for 4. Minimum jerk is taken unless another is far more likely:
@@ -358,7 +358,7 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     duration = 4 * max(time[half] - time[quarter], STEP_S)
     guess = [time[half] - duration / 2, duration]
 
-    def residuals(step: Array, p: int) -> Array:
+    def residuals(step: Array, p: float) -> Array:
         """Over noise, so that `cost` is half of chi-square."""
         since_start = np.clip((time[: end + 1] - step[0]) / step[1], 0, 1)
         return (height * scipy.special.betainc(p, p, since_start) - ramp[: end + 1]) / noise
@@ -370,7 +370,8 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     }
     best = min(fits, key=lambda p: fits[p].cost)
     is_certain = 2 * (fits[USUAL_STEP].cost - fits[best].cost) > FAR_MORE_LIKELY
-    start = fits[best if is_certain else USUAL_STEP].x[0]
-    likelihoods = [np.exp(fits[best].cost - fit.cost) for fit in fits.values()]
-    squares = [(fit.x[0] - start) ** 2 for fit in fits.values()]
-    return start, float(np.sqrt(np.average(squares, weights=likelihoods)))
+    chosen = best if is_certain else USUAL_STEP
+    start, duration = fits[chosen].x
+    # where the shape is free, too: none of the four need be that of the platform
+    free = least_squares(lambda x: residuals(x[:2], x[2]), [start, duration, chosen])
+    return start, float(np.sqrt(np.linalg.inv(free.jac.T @ free.jac)[0, 0]))

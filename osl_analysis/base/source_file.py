@@ -146,7 +146,8 @@ class Channel(Conversion, Addressed):
 
 # in the name or unit of a torque that a program computed, as `effort [A]` and `torque_from_current`
 COMPUTED = re.compile(
-    r"(?i)effort|current|strom|(?<![a-z])est(?![a-z])|estimat|gesch(ä|ae)tzt|calc|berechn|comput"
+    r"(?i)effort|current|strom|courant|corri?ente|(?<![a-z])i_?q(?![a-z])|(?<![a-z])est(?![a-z])"
+    r"|estim|gesch(ä|ae)tzt|calc|berechn|comput"
     r"|observer|model|comm?and|(?<![a-z])cmd|desired|(?<![a-z])soll|\[m?A\]"
 )
 

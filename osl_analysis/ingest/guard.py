@@ -66,7 +66,10 @@ CONFUSED_UNITS = {
 @np.errstate(all="ignore")  # values of damaged files may be of any size
 def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse a torque that is a function of angle, current and the actuator's speed, or that a
-    program filtered from them: a fit to it would be circular."""
+    program filtered from them: a fit to it would be circular. Not one that is stated to be
+    `measured`."""
+    if origin(trial, torque).get("measured"):
+        return
     names = tuple(name for name in trial.columns if name in (angle, "current", "omega_m"))
     # each alone and all together, which may be sampled at different times
     for others in dict.fromkeys([*((name,) for name in names), names]):
@@ -89,8 +92,8 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
                 f"trial {trial.name}: {torque} follows from {' and '.join(others)} more exactly"
                 " than a sensor's noise allows: it is computed, not measured, and a fit gives the"
                 " formula back",
-                f"name the channel of a load cell as {torque} in the source file, or write"
-                " experiment ingest_only",
+                f"name the channel of a load cell as {torque} in the source file, or state"
+                " `measured: true` of it there if it is one, or write experiment ingest_only",
             )
 
 

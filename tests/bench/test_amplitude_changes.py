@@ -6,6 +6,7 @@ import polars as pl
 import pytest
 from any_motion import made_trial, noise
 from bench_synthetic import FIVE, stepped_sine
+from conftest import least_squares_alone
 from shipped import CONFIG
 
 from osl_analysis.base.trial import Trial
@@ -13,6 +14,8 @@ from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
+
+pytestmark = least_squares_alone
 
 
 def faster_is_stiffer(motion):

@@ -103,6 +103,7 @@ def test_amplitudes_that_nest_in_frequencies_are_fitted_alone():
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
 
 
+@least_squares_alone
 def test_fig4_shows_the_reported_fit_without_the_fixture(tmp_path):
     record = stepped_sine(second_order, 0.01)
     trial = joint_trial(record.time, record.theta, record.torque)

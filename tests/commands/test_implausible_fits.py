@@ -70,6 +70,7 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
         judged(experiment, changed(experiment, **changes))
 
 
+@least_squares_alone
 def test_a_negative_stiffness_where_one_is_stated_is_a_sign_though_losses_come_out_positive():
     """The torque is late, too, which would make B negative with the right sign."""
     with refused_with("K = -198.* drives the motion"):
@@ -194,8 +195,8 @@ OWN = DesiredImpedance("own", 200, None)
 
 @least_squares_alone
 @pytest.mark.parametrize(("asked", "column", "factor", "side"), [
-    (KNOWN, "K_ratio", 0.8, "below"), (KNOWN, "K_ratio", 1.356, "above"),
-    (KNOWN, "K_ratio", 0.9, "below"), (KNOWN, "K_ratio", 1.0, None),
+    (KNOWN, "K_ratio", 0.9, "below"), (KNOWN, "K_ratio", 1.356, "above"),
+    (KNOWN, "K_ratio", 1.0, None),
     # where gains are not known
     (OWN, "K_over_K_d", 1e-3, "below"),
     (OWN, "K_over_K_d", 0.7, None), (OWN, "K_over_K_d", 1.1, "above"),
@@ -257,6 +258,7 @@ def test_a_stiffness_is_compared_with_the_belt_and_with_what_gains_give(without_
     assert (found["K_over_K_s"] * LEG.K_s).to_list() == pytest.approx(rows["K"])
 
 
+@least_squares_alone
 @pytest.mark.parametrize(("experiment", "stiffness", "torque", "words"), [
     ("impedance", 300, 1, "300 N"), ("belt", 1000, 1, "1000 N"), ("impedance", 3000, -1, "`sign`"),
 ])  # fmt: skip
@@ -289,7 +291,6 @@ def test_a_torque_beyond_the_load_cell_s_range_is_refused(torque, reached):
     ([1e-6] * 49 + [3e-4], True),  # a gap, in the same wrong unit
     ([5e-6] * 40 + [5e-3] * 10, False),  # a late host: five samples at once
     ([0.0] * 30 + [1e-3] * 21, False),  # few decimals were printed
-    ([1e-3] * 50, False),
 ])  # fmt: skip
 def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused):
     time = np.cumsum([0.0, *np.random.default_rng(1).permutation(steps)])

@@ -12,9 +12,11 @@ From a recording to K, in the order in which a maintainer reads:
    moves. `bench/record.py`: angle and torque behind one filter.
 4. `bench/regression.py`: normal equations of groups, estimates, standard errors
    (`stats/linear_fit.py`). `bench/impedance.py`: Eq. 15 for each amplitude and all of them.
-5. `bench/evidence.py`: what else may make K (`inference/`) becomes rows of a budget in
-   `bench/budgets.py`; `stats/budget.py` sums them to the interval and gives the verdict, and
-   `judge/judging.py` makes findings of it.
+5. `bench/evidence.py`, `what_else`: what else may make K, which is of a leg its belt
+   (`bench/lags.py`), of a joint the candidate models (`inference/`), of both dry friction
+   (`bench/friction.py`) and the range over the motion.
+6. `bench/budgets.py` makes rows of a budget of it, `stats/budget.py` sums these to the interval and
+   gives the verdict, and `judge/judging.py` makes findings of it.
 """
 
 import math

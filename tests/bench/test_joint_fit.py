@@ -123,9 +123,7 @@ def test_a_fault_is_doubted_by_its_cause_and_a_property_of_the_joint_told(cause)
     told, doubted = (causes_of(tables, grade) for grade in (Grade.NOTES, Grade.DOUBTS))
     told = [each for each in told if each != "wide interval"]
 
-    assert (told if cause == "K that rises most with amplitude" else doubted) == [
-        cause
-    ]
+    assert (told if cause == "K that rises most with amplitude" else doubted) == [cause]
     assert told + doubted == [cause]
 
 

@@ -22,6 +22,7 @@ from osl_analysis.bench.regression import (
     Model,
     Sums,
     columns_of,
+    fast_signals,
     fit_groups,
     friction_column,
     gram_sums,
@@ -413,13 +414,14 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     few = record.coarse
     groups = sums.groups
     low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
-    slow = scipy.signal.sosfiltfilt(sections_of(low_pass, few.rate_hz), sums.fast)
+    signals = fast_signals(few, sums.columns)
+    slow = scipy.signal.sosfiltfilt(sections_of(low_pass, few.rate_hz), signals)
     noise_hz, power = record.angle_noise
     gain_below = low_pass.gain(noise_hz)
-    for part, gain in ((slow, gain_below), (sums.fast - slow, 1 - gain_below)):
+    for part, gain in ((slow, gain_below), (signals - slow, 1 - gain_below)):
         for name in ("one", "ramp"):  # of each part the torque has its own offset and drift
             place = sums.names.index(name)
-            part[place] = sums.fast[place]
+            part[place] = signals[place]
         products = products_between(part.T, part.T, groups.first, groups.stop)
         noise = noise_moments(sums.names, few, np.array([noise_hz, power * gain**2]))
         products -= (groups.stop - groups.first)[:, None, None] * noise

@@ -127,8 +127,6 @@ class Sums:
         The products that are fitted: of a motion without what is slower, or `gram`.
     noise : Array (q, q)
         Part of the noise of the angle in the products of a row, which is taken off.
-    fast : Array (q, n)
-        The signals whose products are fitted.
     """
 
     names: tuple[str, ...]
@@ -137,7 +135,6 @@ class Sums:
     columns: Mapping[str, Array]
     weighted: Array
     noise: Array
-    fast: Array
 
     def chosen(self, is_chosen: NDArray[np.bool_]) -> "Sums":
         """Those of some groups, by a mask (m,)."""
@@ -208,13 +205,12 @@ def gram_sums(
     gram = products_between(products, products, groups.first, groups.stop)
     weighted = gram
     noise = np.zeros_like(gram[0])
-    fast = products.T
     if angle_noise is not None:
         fast = fast_signals(record, columns)
         noise = noise_moments(tuple(signals), record, angle_noise)
         weighted = products_between(fast.T, fast.T, groups.first, groups.stop)
         weighted -= (groups.stop - groups.first)[:, None, None] * noise
-    return Sums(tuple(signals), gram, groups, columns, weighted, noise, fast)
+    return Sums(tuple(signals), gram, groups, columns, weighted, noise)
 
 
 def fast_signals(record: Record, columns: Mapping[str, Array]) -> Array:

@@ -374,9 +374,9 @@ def fit_trial(
         table=marked(table, findings, name),
         series=series,
         curves=next(curves, None),
-        of_estimates=findings,
+        estimate_findings=findings,
         budget=budget,
-        checked=partial(checks_of, experiment, trial, config, windows or ""),
+        recording_checks=partial(checks_of, experiment, trial, config, windows or ""),
     )
 
 

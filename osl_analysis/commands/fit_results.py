@@ -162,7 +162,7 @@ def estimates_text(
             verdict = row.get(f"{name}_verdict") or ""
             lines.append(": ".join(filter(None, [line, verdict, parts])))
         for finding in of_row:
-            if finding.grade is Grade.DOUBTS:
+            if finding.grade in (Grade.EXCLUDES, Grade.DOUBTS):
                 lines.append(f"  doubtful: {finding_text(finding)}")
     lines.append("in brackets: the 95 % interval; behind it, what its parts alone would make")
     return "\n".join(lines)
@@ -235,11 +235,11 @@ class Fit:
     curves : polars.DataFrame or None
         Torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another
         experiment.
-    of_estimates : Sequence of Sequence of Finding
+    estimate_findings : Sequence of Sequence of Finding
         What was judged of the estimates of each row: doubts, what could not be checked, notes.
     budget : polars.DataFrame or None
         What contributes to the uncertainty of each estimate, as in `budget.csv`.
-    checked : callable
+    recording_checks : callable
         Gives the checks of the recording, as in `quality.csv`. They are made where `findings` are
         asked for.
 
@@ -254,15 +254,15 @@ class Fit:
     table: pl.DataFrame
     series: pl.DataFrame
     curves: pl.DataFrame | None
-    of_estimates: Sequence[Sequence[Finding]]
+    estimate_findings: Sequence[Sequence[Finding]]
     budget: pl.DataFrame | None
-    checked: Callable[[], pl.DataFrame]
+    recording_checks: Callable[[], pl.DataFrame]
 
     @cached_property
     def findings(self) -> list[Sequence[Finding]]:
         """Those of each row; the fit to all data has failed checks of the recording, too."""
-        *of_amplitudes, of_whole = self.of_estimates
-        return [*of_amplitudes, [*of_whole, *failed_checks(self.checked())]]
+        *of_amplitudes, of_whole = self.estimate_findings
+        return [*of_amplitudes, [*of_whole, *failed_checks(self.recording_checks())]]
 
     @property
     def row(self) -> Mapping[str, Any]:
@@ -272,8 +272,8 @@ class Fit:
     @property
     def doubtful(self) -> str:
         """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do.
-        Empty: nothing."""
-        return "\n".join(self.sentences(Grade.DOUBTS))
+        Empty: nothing. A check that would exclude the trial from a campaign stands first."""
+        return "\n".join(self.sentences(Grade.EXCLUDES) + self.sentences(Grade.DOUBTS))
 
     @property
     def remarks(self) -> str:

@@ -193,7 +193,7 @@ def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(t
 
 def test_a_fit_shows_its_doubts_and_runs_nothing_of_a_name(short, tmp_path):
     strict = tmp_path / "strict.yaml"
-    stated = short.read_text().replace("123", "9999")
+    stated = short.read_text().replace("123 Hz", "9999 Hz, exclude: [rate]")
     strict.write_text(f"{stated}doubtful: {{impedance: {{above: {{fitted_s: 1}}}}}}\n")
     doubtful = osl.fit(bench_trial("friction"), config=strict)
     assert {"friction", "slow sampling"} <= {finding.cause for finding in doubtful.findings[-1]}

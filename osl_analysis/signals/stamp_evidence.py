@@ -171,7 +171,8 @@ class Reading(NamedTuple):
         or, where the stamps do not come back to it, about it as they creep; values older than true
         stamps were taken between earlier ones."""
         if self.even:
-            return clock.times() + (not clock.settles) * clock.creep
+            on_line = clock.times()
+            return on_line if clock.settles else on_line + clock.creep
         if not self.age:
             return clock.stamps
         older = np.interp(clock.count - self.age, clock.count, clock.stamps)

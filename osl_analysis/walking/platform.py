@@ -371,7 +371,7 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     best = min(fits, key=lambda p: fits[p].cost)
     is_certain = 2 * (fits[USUAL_STEP].cost - fits[best].cost) > FAR_MORE_LIKELY
     chosen = best if is_certain else USUAL_STEP
-    start, duration = fits[chosen].x
+    step = fits[chosen].x
     # where the shape is free, too: none of the four need be that of the platform
-    free = least_squares(lambda x: residuals(x[:2], x[2]), [start, duration, chosen])
-    return start, float(np.sqrt(np.linalg.inv(free.jac.T @ free.jac)[0, 0]))
+    free = least_squares(lambda x: residuals(x[:2], x[2]), [*step, chosen])
+    return step[0], float(np.sqrt(np.linalg.inv(free.jac.T @ free.jac)[0, 0]))

@@ -19,7 +19,9 @@ from osl_analysis.signals.agreement import turns
 from osl_analysis.signals.grid import origin
 
 TURN_TORQUE = Change(
-    "turn the `sign` of the torque, or of all angles, in the source file", {"torque": -1.0}
+    "turn the `sign` of the torque, or of all angles, in the source file (a copy of it if other"
+    " trials have it)",
+    {"torque": -1.0},
 )
 
 

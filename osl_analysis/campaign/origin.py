@@ -178,7 +178,7 @@ def states_of(
         is_unused = name == "gain_weight" and config.parameters is None and not is_stated
         if is_empty or is_unused:
             value = None
-        state = "stated" if is_stated else "none" if value is None else "assumed"
+        state = "none" if value is None else "stated" if is_stated else "assumed"
         # a shipped file is shown without its folder
         shown = json.dumps(value).strip('"').removeprefix(f"{ROOT}/")
         rows.append({"setting": name, "value": None if value is None else shown, "state": state})

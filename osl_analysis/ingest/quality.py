@@ -372,7 +372,7 @@ def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array], at_ra
         at = np.interp(times, *angle)
         if np.std(at) < LIMITS.one_angle * np.ptp(angle[1]):
             return f"a stop (move it by less) or backlash at {np.rad2deg(at.mean()):.3g} deg"
-    return "a sensor failed"
+    return "a sensor failed, or the command jumped"
 
 
 def remedy_of_leaps(examined: Examined, leaps: Array, cause: str, alone: int) -> str:

@@ -78,8 +78,9 @@ class Judged:
         """How wide its interval is, or that without friction, beside what is needed, in words."""
         largest = max(budget.of_parts(*IN_INTERVAL), key=lambda each: each.size)
         return (
-            f"{name} is known to {significant(budget.half_width())} {self.unit}, most of it"
-            f" {largest.source.replace('_', ' ')}, and {significant(self.needed)} is needed"
+            f"{name} is known to {significant(budget.half_width())} {self.unit}"
+            f" (largest source: {largest.source.replace('_', ' ')}),"
+            f" and {significant(self.needed)} is needed"
         )
 
 

@@ -155,9 +155,9 @@ def test_a_weight_that_is_assumed_does_not_judge_the_damping_of_the_gains(weight
     assert (limit is not None) == judges
 
 
-def test_the_default_campaign_states_every_fact():
+def test_the_default_campaign_assumes_no_fact():
     default = read_config(default_config())
-    assert {row["state"] for row in states_of(default, {}, EXPERIMENTS)} == {"stated"}
+    assert {row["state"] for row in states_of(default, {}, EXPERIMENTS)} == {"stated", "none"}
 
 
 def test_facts_that_nobody_stated_are_measured_none_or_assumed(tmp_path):

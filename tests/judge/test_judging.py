@@ -161,7 +161,7 @@ def test_a_wide_interval_is_told_under_its_own_name_and_is_no_doubt(monkeypatch)
 
     (remark,) = of_knee({"B": [scatter(0.01, 9)], "B_viscous": wide})
 
-    size = "B_viscous is known to 0.2 N*m*s/rad, most of it repeatability, and 0.15 is needed"
+    size = "B_viscous is known to 0.2 N*m*s/rad (largest source: repeatability), and 0.15 is needed"
     assert (remark.name, remark.size) == ("wide_interval", size)
     assert wide_in(f"friction; {short_list([remark], False)}") == ["B_viscous"]
     assert verdicts_of([remark])["B"] == "clear"

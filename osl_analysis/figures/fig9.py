@@ -15,8 +15,8 @@ from osl_analysis.walking.impedance_fit import ENSEMBLE
 MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`
 # Fits to the mean response: estimator, face and name of a marker
 SHOWN_FITS = (
-    (ENSEMBLE, style.PURPLE, "Mean response"),
-    ("ensemble, predicted gait", style.WHITE, "Predicted gait"),
+    (ENSEMBLE, style.PURPLE, "Mean response, 95 %"),
+    ("ensemble, predicted gait", style.WHITE, "Predicted gait, 95 %"),
 )
 NEXT_GROUP = 3  # distance of the middles of two groups, of which each perturbation is within 0.5
 ONE_PERTURBATION = style.Look(style.GREY, "o", "One perturbation")
@@ -124,7 +124,7 @@ def draw_group(ax: Axes, rows: pl.DataFrame, place: float, span: float) -> None:
     for number, (estimator, face, label) in enumerate(SHOWN_FITS, 3):
         fit = rows.filter(estimator=estimator)
         if len(fit):
-            # an interval of percentiles, which may lie on one side of the estimate
+            # the interval may lie on one side of the estimate
             beside = place + number / 2
             interval = fit.select("low", "high").row(0)
             ax.plot([beside, beside], interval, color=style.PURPLE, marker="_")

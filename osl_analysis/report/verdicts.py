@@ -154,7 +154,7 @@ def verdict_counts(
     left_out: Mapping[str, LeftOut],
 ) -> tuple[dict[str, int], dict[str, int]]:
     """How many trials of the sheet have each verdict, in the order of `VERDICTS`, and on how many
-    of the clear ones there is each of `results_on`."""
+    there is each of `results_on`."""
     by_trial = findings_by_trial(findings)
     counts: Counter[str] = Counter()
     results: Counter[str] = Counter()
@@ -162,8 +162,7 @@ def verdict_counts(
         of_trial = by_trial.get(trial, ())
         verdict = verdict_on(row["experiment"], of_trial, left_out.get(trial))
         counts[verdict] += 1
-        if verdict == CLEAR:
-            results.update({finding.cause for finding in results_on(of_trial)})
+        results.update({finding.cause for finding in results_on(of_trial)})
     return {verdict: counts[verdict] for verdict in VERDICTS}, dict(results.most_common())
 
 

@@ -136,8 +136,8 @@ def test_the_page_escapes_names_and_asks_for_no_other_file():
 
 
 @pytest.mark.parametrize(("shown", "model"), [
-    (("conditions",), "Iα + offset;"), (("groups",), "Iα;"),
-    (("conditions", "groups"), "Iα + offset (none while walking);"),
+    (("conditions",), "Iα + offset + drift;"), (("groups",), "Iα;"),
+    (("conditions", "groups"), "Iα + offset + drift (none while walking);"),
 ])  # fmt: skip
 def test_the_page_has_the_offset_where_the_fit_has_it(shown, model):
     rows = [Condition({"controller": "PD"}, ["a"], 1, False, [], {"K": "300"})]

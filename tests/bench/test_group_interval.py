@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_synthetic import second_order, stepped_sine
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.bench.friction import without_friction
 from osl_analysis.bench.record import Groups, Record, Stratum, unlike_groups
-from osl_analysis.bench.regression import fit_groups, gram_sums
+from osl_analysis.bench.regression import IMPEDANCE, fit_groups, gram_sums, sums_of
 from osl_analysis.signals.filters import Motion
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 
 LINE = {"K": "theta", "offset": "one"}
 
@@ -79,6 +81,21 @@ def test_what_repeats_itself_has_the_spread_of_its_noise_alone(single):
 
     assert np.sqrt(np.mean(np.square(standard_errors))) == pytest.approx(np.std(found), rel=0.13)
     assert fit.interval_method == "repeats"
+
+
+def test_odd_and_even_cycles_agree_within_intervals_that_no_edge_widens():
+    """No cycle is of whole rows, and Eq. 15 misses the same of friction in each."""
+    protocol = SteppedSineProtocol((0.05, 0.1), (0.7, 1.7, 2.7, 3.7, 4.7), 9)
+    rubbing = stepped_sine(lambda m: second_order(m) + 3 * np.tanh(10 * m.omega), 2e-3, protocol)
+    s = sums_of(rubbing)
+    is_odd = np.arange(len(s.gram)) % 2 == 1
+
+    odd, even = (fit_groups(s.chosen(half), IMPEDANCE) for half in (is_odd, ~is_odd))
+
+    for name in "KBI":
+        apart = abs(odd[name] - even[name])
+        assert apart < np.hypot(odd.half_width(name), even.half_width(name))
+    assert odd.half_width("B") < 1e-3
 
 
 def test_an_estimate_less_its_friction_has_the_freedom_of_both_errors():

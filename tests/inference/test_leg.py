@@ -1,16 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inference of a leg, whose friction grows with the current, as the simulator moves it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from conftest import half_width
 from shipped import CONFIG
 from shipped import LEG as P
 
 import osl_analysis as osl
+from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.friction import actuator_of_leg
+from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.model.compensator import uncompensated_gains
-from osl_analysis.model.drivetrain import held_actuator, linear_torque
+from osl_analysis.model.drivetrain import dynamic_stiffness, held_actuator, linear_torque
+
+GAINS = uncompensated_gains(300, 5, P)
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +33,10 @@ def record(tmp_path_factory):
 def test_the_actuator_s_friction_is_found_and_its_motion_without_it(record):
     """As Eqs. 1, 2 and 7 answer without friction; the belt's hysteresis stays within a few
     percent."""
-    gains = uncompensated_gains(300, 5, P)
-
     found = actuator_of_leg(record)
 
     def answer(s):
-        return P.K_s / P.n_T / held_actuator(s, gains.K_1, gains.B_1, P)
+        return P.K_s / P.n_T / held_actuator(s, GAINS.K_1, GAINS.B_1, P)
 
     theta = record.theta
     true = linear_torque(answer, theta, record.rate_hz, 15.0)
@@ -40,3 +45,20 @@ def test_the_actuator_s_friction_is_found_and_its_motion_without_it(record):
     left, by_friction = (np.std((angle - true)[inside]) for angle in angles)
     assert left < 0.1 * by_friction
     assert found.friction_probability > 0.99
+
+
+def test_without_compensation_the_impedance_of_the_linear_leg_is_held(record):
+    """As Eq. 7 answers, fitted to the same motion."""
+
+    def answer(s):
+        return dynamic_stiffness(s, GAINS.K_1, GAINS.B_1, P)
+
+    torque = linear_torque(answer, record.theta, record.rate_hz, 45.0)
+    filtered = record.settings.low_pass(torque, record.rate_hz)
+    true = rendered_impedance(replace(record, torque=torque, filtered_torque=filtered)).whole
+
+    row = impedance_table(rendered_impedance(record))["impedance"].row(-1, named=True)
+
+    for name, column in {"K": "K_without_friction", "B": "B_viscous"}.items():
+        assert row[f"{column}_low"] < true[name] < row[f"{column}_high"]
+    assert half_width(row, "K_without_friction") < 0.01 * true["K"]

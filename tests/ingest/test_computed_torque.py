@@ -63,6 +63,13 @@ def test_a_torque_of_a_sensor_is_taken(torque):
     check_own_torque(trial_of(torque))
 
 
+def test_a_torque_that_is_stated_to_be_measured_is_believed():
+    trial = trial_of(150 * ANGLE)
+    trial.provenance["columns"] = {"torque": {"measured": True}}
+
+    check_own_torque(trial)
+
+
 @pytest.mark.parametrize(("stated", "told"), [
     ({"column": "effort"}, "effort"),
     ({"column": "1", "found": "torque [A]"}, "torque [A]"),

@@ -118,6 +118,16 @@ def test_stamps_that_wander_slowly_are_kept_where_nothing_decides():
     assert (row["stamps"], row["firm"]) == ("exact", False)
 
 
+def test_samples_of_a_clock_that_creeps_lie_about_its_line_where_the_stamps_do():
+    taken = MINUTE + 0.02 * np.sin(2 * np.pi * MINUTE / 30)
+    stamps = jittered(taken, 2e-4, np.random.default_rng(7))
+
+    (part,) = take([joint(stamps, taken)])
+
+    assert part.reading.even
+    assert np.std(part.reading.times(part.clock) - taken) < 1.7e-4 < np.std(stamps - taken)
+
+
 @pytest.mark.parametrize(("kind", "age"), [("even", 0.0), ("true", 0.0), ("true", 0.5)])
 @pytest.mark.parametrize("case", [
     {"decimals": 4}, {"rate": 200.0, "jitter": 1e-3}, {"lost": 1e-3},

@@ -3,16 +3,26 @@
 
 import numpy as np
 import pytest
+from conftest import white_noise
+from scipy.optimize import curve_fit
+from scipy.special import betainc
 from walking_synthetic import RATE, about_y, pose, step
 
-from osl_analysis.walking.platform import Ramp, ramp_of, ramp_onsets
+from osl_analysis.walking.platform import (
+    FITTED_RISE,
+    SINCE_MIDDLE,
+    Ramp,
+    ramp_of,
+    ramp_onsets,
+    start_of_rise,
+)
 
 TIME = np.arange(3 * RATE) / RATE
 ONSETS = 1.2 + np.random.default_rng(5).uniform(-0.05, 0.05, 20)
 
 
-def angle_of(onset, size_deg=5.0, rise=0.08):
-    return np.deg2rad(size_deg) * step(TIME, onset, rise)[0]
+def angle_of(onset, size_deg=5.0):
+    return np.deg2rad(size_deg) * step(TIME, onset, 0.08)[0]
 
 
 def errors_of(angles, noise_deg):
@@ -61,6 +71,25 @@ def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are(bulge_deg):
         errors = errors_of(angles, 0.01)
 
     assert np.abs(errors[1:]).max() < 1e-3
+
+
+def test_the_start_of_a_rise_has_the_error_of_a_step_of_any_shape():
+    """As SciPy's fit of start, duration and shape has it: eight times that of a known shape."""
+    clean = step_of(SINCE_MIDDLE, -0.04, 0.08, 3.0)
+    noise = 2e-3
+    rises = clean < FITTED_RISE
+
+    start, se = start_of_rise(SINCE_MIDDLE, clean + noise * white_noise(len(clean), 5))
+
+    free = (-0.04, 0.08, 3.0)
+    of_noise = {"sigma": np.full(rises.sum(), noise), "absolute_sigma": True}
+    _, covariance = curve_fit(step_of, SINCE_MIDDLE[rises], clean[rises], free, **of_noise)
+    assert se == pytest.approx(np.sqrt(covariance[0, 0]), rel=0.2)
+    assert abs(start + 0.04) < 1.96 * se
+
+
+def step_of(time, start, duration, shape):
+    return betainc(shape, shape, np.clip((time - start) / duration, 0, 1))
 
 
 def turned(angle):

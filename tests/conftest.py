@@ -112,16 +112,6 @@ least_squares_alone = pytest.mark.usefixtures("without_inference")
 
 
 @pytest.fixture(scope="session")
-def study() -> Any:
-    """The module of benchmarks/study.py."""
-    sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script there
-    import study
-
-    sys.path.pop(0)
-    return study
-
-
-@pytest.fixture(scope="session")
 def schemas_of_files() -> dict[str, dict[str, object]]:
     from osl_analysis.commands.new_campaign import schemas
 
@@ -182,11 +172,6 @@ def findings_on(tables: dict[str, pl.DataFrame], limits: Limits) -> list[Finding
     """The findings about the last row of an impedance trial, by its tables."""
     table, budget = tables["impedance"], tables["budget"]
     return judging.judged(table, limits, "impedance", budget=budget)[-1]
-
-
-def noted_in(table: str, row: dict[str, object]) -> list[Finding]:
-    """What could not be checked of a row of a table, or is worth knowing of it."""
-    return findings_of({"trial": "a", **row}, Limits(), table)
 
 
 def beyond_in(findings: list[Finding]) -> dict[str, str]:

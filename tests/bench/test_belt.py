@@ -17,8 +17,8 @@ from osl_analysis.figures.fig3 import points as belt_points
 from osl_analysis.signals.filters import LowPass
 
 
-def fitted(theta_s, torque, rate=RATE):
-    return belt_fits.fit_branches(belt_record(theta_s, torque, rate))
+def fitted(theta_s, torque):
+    return belt_fits.fit_branches(belt_record(theta_s, torque))
 
 
 @pytest.mark.parametrize("sign", [-1, 1])

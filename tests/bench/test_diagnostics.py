@@ -39,20 +39,16 @@ LIMITS = CONFIG.doubtful.of("impedance")
 SETTINGS = CONFIG.dynamometer
 
 
-def rows(torque_of, noise=0.03):
-    """Rows of a joint, judged."""
-    tables = impedance_table(rendered_impedance(stepped_sine(torque_of, noise, FIVE)))
-    table = tables["impedance"]
-    found = judging.judged(table, LIMITS, "impedance", budget=tables["budget"])
-    return judging.marked(table, found, "impedance").to_dicts()
-
-
 def rubbing(motion):
     return second_order(motion) + 0.8 * np.sign(motion.omega)
 
 
 def test_coulomb_friction_is_named_and_has_its_size():
-    *single, whole = rows(rubbing)
+    tables = impedance_table(rendered_impedance(stepped_sine(rubbing, 0.03, FIVE)))
+    found = judging.judged(tables["impedance"], LIMITS, "impedance", budget=tables["budget"])
+    table = judging.marked(tables["impedance"], found, "impedance")
+
+    *single, whole = table.to_dicts()
     assert {row["B_viscous"] for row in single} == {None}  # one amplitude hardly tells it
     assert whole["f_C"] == pytest.approx(0.8, rel=0.01)
     assert whole["B_viscous"] == pytest.approx(4, abs=0.05)

@@ -113,9 +113,9 @@ def test_errors_of_the_bench_stretch_turn_and_shift_a_response(stated, magnitude
 # ---- Other motions
 
 
-def multisines(rng, realisations, periods=4):
+def multisines(rng, realisations):
     """theta, omega, alpha (3, n) of multisines of 0.5 to 6 Hz with rests between."""
-    return np.hstack([multisine(rng, 8.0, periods)[1] for _ in range(realisations)])
+    return np.hstack([multisine(rng, 8.0, 4)[1] for _ in range(realisations)])
 
 
 def recorded(rng, motion, friction=0.0):

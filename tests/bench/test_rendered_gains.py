@@ -21,12 +21,12 @@ def through(gain, signal):
     return np.fft.irfft(gain * np.fft.rfft(signal))
 
 
-def recorded_leg(K_1, B_1, delay=2e-4, noise=0.05, seed=0, friction=0.0):
+def recorded_leg(K_1, B_1, delay=2e-4, seed=0, friction=0.0):
     """Angle and torque of a leg with these gains, which act `delay` [s] late, and with friction
     [N*m] of the joint, and a third of it of the actuator."""
     random = np.random.default_rng(seed)
     time = np.arange(0, DURATION_S, 1 / RATE_HZ)
-    torque = random.normal(0, noise, len(time))
+    torque = random.normal(0, 0.05, len(time))
     cycles = np.outer(SINES_HZ, time) + random.uniform(size=(7, 1))
     theta = 0.02 * np.sin(2 * np.pi * cycles).sum(axis=0)
     s = 2j * np.pi * np.fft.rfftfreq(len(time), 1 / RATE_HZ)

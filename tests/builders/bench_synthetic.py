@@ -105,14 +105,14 @@ def record_of_sines(time, theta, torque, protocol=PROTOCOL, segments=None):
     return replace(made, band_hz=(min(protocol.frequencies_hz), max(protocol.frequencies_hz)))
 
 
-def belt_record(theta_s, torque, rate=RATE, unusable=()):
+def belt_record(theta_s, torque, unusable=()):
     """The record of a belt's deflection [rad] and torque [N*m], as if they were filtered."""
-    time = np.arange(len(theta_s)) / rate
+    time = np.arange(len(theta_s)) / RATE
     usable = ~np.isin(np.arange(len(theta_s)), unusable)
-    omega = np.gradient(theta_s) * rate
-    motion = Motion(theta_s, omega, np.gradient(omega) * rate)
+    omega = np.gradient(theta_s) * RATE
+    motion = Motion(theta_s, omega, np.gradient(omega) * RATE)
     groups = unlike_groups(np.zeros(1), np.full(1, len(time)))
-    record = Record("b", time, theta_s, torque, motion, torque, SETTINGS, usable, groups, rate)
+    record = Record("b", time, theta_s, torque, motion, torque, SETTINGS, usable, groups, RATE)
     return replace(record, groups=branches_of(record))
 
 

@@ -39,12 +39,12 @@ def ankle(rows: int) -> tuple[np.ndarray, ...]:
 
 
 def table_text(
-    sign: str = ",", head: list[str] = HEAD, above: str = "", below: str = "", *,
+    sign: str = ",", head: list[str] = HEAD, above: str = "", *,
     t: list[str], a: list[str], m: list[str], decimal: str = ".",
 ) -> str:  # fmt: skip
     """A table of text with columns of time, angle and torque."""
     rows = [sign.join(row).replace(".", decimal) for row in zip(t, a, m, strict=True)]
-    return above + "\n".join([*[sign.join(head)] * bool(head), *rows]) + "\n" + below
+    return above + "\n".join([*[sign.join(head)] * bool(head), *rows]) + "\n"
 
 
 def write_mat(path: Path, **variables: object) -> Path:

@@ -79,14 +79,14 @@ def write_topics(
     topics: dict[str, tuple[str, str, Messages]],
     **options: Any,
 ) -> Path:
-    """Topics one after the other; `#2` ends the name of a topic's second channel."""
+    """Topics one after the other."""
     with path.open("wb") as file:
         writer = Writer(file, **{"compression": CompressionType.ZSTD, **options})
         writer.start(profile="ros2")
         for topic, (name, schema, messages) in topics.items():
             encode = serialize_dynamic(name, schema)[name]
             number = writer.register_schema(name, "ros2msg", schema.encode())
-            channel = writer.register_channel(topic.removesuffix("#2"), "cdr", number)
+            channel = writer.register_channel(topic, "cdr", number)
             for row, (log_time, fields) in enumerate(messages):
                 writer.add_message(
                     channel,

@@ -33,7 +33,6 @@ import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag, snakemak
 # what Snakemake imports while it reads a Snakefile and compares params
 import pandas, smart_open
 import osl_analysis.judge.campaign, osl_analysis.base.table, osl_analysis.commands.run
-import osl_analysis.commands.run
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials
 import osl_analysis.figures.drawing
 import osl_analysis.campaign.result_files, osl_analysis.campaign.origin
@@ -62,7 +61,7 @@ commands = ("simulate", "walking", "figure", "report", "gains")
 workers.PRELOADED += [f"osl_analysis.commands.{name}" for name in commands]
 workers.PRELOADED += [f"osl_analysis.formats.{name}" for name in known_formats()]
 workers.PRELOADED += [f"osl_analysis.simulator.{name}" for name in ("bench_trial", "walking_trial")]
-workers.PRELOADED += ["osl_analysis.figures.svg_text", "compiled_functions", "ezc3d"]
+workers.PRELOADED += ["compiled_functions", "ezc3d"]
 multiprocessing.get_context("forkserver").set_forkserver_preload(workers.PRELOADED)
 forkserver.ensure_running()
 forkserver._forkserver.ensure_running = lambda: None

@@ -3,11 +3,15 @@
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 
-def test_bound_of_a_sinusoid_is_the_published_one(study):
+def test_bound_of_a_sinusoid_is_the_published_one(monkeypatch):
     """Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974: var(A) >= 2 s^2/N and var(phase) >= 2
     s^2/(A^2 N)."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import study
+
     N = 1000
     noise = 0.3
     phase = 2 * np.pi * np.arange(1000) / 50

@@ -28,14 +28,12 @@ def driven() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return time[::4], torque[::4], theta[::4]
 
 
-def inferred(
-    torque: np.ndarray, noise: float = 0.05, step: float = STEP, **more: object
-) -> ImpedanceInference:
-    """The inference beside white noise [N*m] and an encoder of 16 bits."""
+def inferred(torque: np.ndarray, **more: object) -> ImpedanceInference:
+    """The inference beside white noise of 0.05 N*m and an encoder of 16 bits."""
     theta = driven()[2]
-    noisy = torque + noise * white_noise(len(torque), 6)
-    read = np.round(theta / step) * step
-    return infer_impedance(BenchSignals(read, noisy, RATE, encoder_step=step, **more))
+    noisy = torque + 0.05 * white_noise(len(torque), 6)
+    read = np.round(theta / STEP) * STEP
+    return infer_impedance(BenchSignals(read, noisy, RATE, encoder_step=STEP, **more))
 
 
 def velocity() -> np.ndarray:

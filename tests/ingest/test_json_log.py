@@ -131,21 +131,9 @@ BENCH = {
 }
 
 
-def timing(step=1e-3, offset=0.0, **more):
-    return {
-        "wf_increment": step,
-        "wf_start_offset": offset,
-        "wf_start_time": START,
-        "wf_samples": 1,
-        **more,
-    }
-
-
-def bench(path, segments=1, **options):
-    angle = ("Angle", ANGLE, timing(unit_string="Degrees", **options))
-    return write_tdms(
-        path, [angle, ("Torque", np.float32(TORQUE), timing(unit_string="Volts"))], segments
-    )
+TIMING = {
+    "wf_increment": 1e-3, "wf_start_offset": 0.0, "wf_start_time": START, "wf_samples": 1,
+}  # fmt: skip
 
 
 def test_a_channel_of_time_stamps_that_is_called_so_is_drafted_as_the_time(tmp_path):
@@ -163,7 +151,11 @@ refused_tdms = partial(refusal_of, **BENCH)
 
 @pytest.mark.parametrize("segments", [1, 7])
 def test_channels_with_timing_give_canonical_columns(tmp_path, segments):
-    recording = read_tdms(bench(tmp_path / "a.tdms", segments))
+    angle = ("Angle", ANGLE, TIMING | {"unit_string": "Degrees"})
+    load = ("Torque", np.float32(TORQUE), TIMING | {"unit_string": "Volts"})
+
+    recording = read_tdms(write_tdms(tmp_path / "a.tdms", [angle, load], segments))
+
     newton_metres = 4.4482216152605 * 0.0254  # lbf and in by definition
     torque = -np.float32(TORQUE).astype(float) * newton_metres
     for column, expected in (

@@ -85,17 +85,11 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(tmp_path, ol
 # --- tables -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "reason"),
-    [
-        ("nRows=50", "nRows=60", "60 rows.*50"),
-    ],
-)
-def test_rows_that_the_header_contradicts_are_refused(tmp_path, old, new, reason):
+def test_rows_that_the_header_contradicts_are_refused(tmp_path):
     path = write_mot(tmp_path / "a.mot")
-    path.write_text(path.read_text().replace(old, new))
+    path.write_text(path.read_text().replace("nRows=50", "nRows=60"))
 
-    with refused_with(reason):
+    with refused_with("60 rows.*50"):
         formats_read(path, source_of("opensim", **MOT)).channels[0].read()
 
 
@@ -111,18 +105,13 @@ def test_a_table_is_read_with_any_blank_and_header(tmp_path, sign, header):
 
 
 @pytest.mark.parametrize(
-    ("header", "column", "unit", "told"),
-    [
-        ("inDegrees=no", "omega_m", "deg/s", "rad/s"),
-        ("inDegrees=yes", "omega_m", "rad/s", "deg/s"),
-    ],
+    ("header", "unit", "told"),
+    [("inDegrees=no", "deg/s", "rad/s"), ("inDegrees=yes", "rad/s", "deg/s")],
 )
-def test_a_unit_of_angles_that_the_header_contradicts_is_refused(
-    tmp_path, header, column, unit, told
-):
+def test_a_unit_of_angles_that_the_header_contradicts_is_refused(tmp_path, header, unit, told):
     path = write_mot(tmp_path / "a.sto", header)
 
-    assert told in refused(path, channels={column: {**ANKLE, "unit": unit}})
+    assert told in refused(path, channels={"omega_m": {**ANKLE, "unit": unit}})
 
 
 # --- ground reactions ---------------------------------------------------------------------------

@@ -438,13 +438,13 @@ STANCE = np.clip(np.minimum(TIME - 0.2, 0.8 - TIME) / 0.05, 0, 1)
 ROLL = np.interp(TIME, [0.2, 0.8], [-0.08, 0.14])  # centre of pressure along x [m]
 
 
-def force_and_moment(roll=ROLL):
+def force_and_moment():
     """Force and moment (n, 6) on the plate in its axes (z down): 700 N that rolls along x, with
     noise."""
     rng = np.random.default_rng(1)
     vertical = -700 * STANCE * (1 + 0.1 * np.sin(10 * TIME))
     force = np.column_stack([60 * STANCE * np.sin(10 * (TIME - 0.5)), 20 * STANCE, vertical])
-    moment = np.column_stack([0.02 * vertical, -roll * vertical, 0.0 * TIME])
+    moment = np.column_stack([0.02 * vertical, -ROLL * vertical, 0.0 * TIME])
     noise = rng.normal(0, 1.0, force.shape), rng.normal(0, 0.1, moment.shape)
     return np.hstack([force, moment]) + np.hstack(noise)
 

@@ -160,7 +160,7 @@ def test_a_channel_of_a_table_has_the_time_that_stands_with_it(tmp_path):
 
 
 BOTH_RATES = np.union1d(FAST, SLOW)[1:-4]
-NOISY = np.interp(FAST, FAST, turned(FAST) + NOISE)
+NOISY = turned(FAST) + NOISE
 
 
 def test_a_channel_that_was_interpolated_is_read_at_its_own_samples(tmp_path):

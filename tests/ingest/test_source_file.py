@@ -64,24 +64,24 @@ def torque(time):
     return K * theta + B * omega + I * alpha + OFFSET
 
 
-def trial_of(theta, measured, torque_stamps=TIMES, torque_facts=None, stamps="auto"):
+def trial_of(theta, measured, torque_stamps=TIMES, torque_facts=None):
     """A trial of columns with their own stamps [s]; those of the angle are the times.
 
-    `torque_facts` and `stamps` are what the source file states.
+    `torque_facts` are what the source file states.
     """
     of_angle = pl.DataFrame({"time": TIMES, "theta": theta})
     of_torque = pl.DataFrame({"time": torque_stamps, "torque": measured})
     samples = of_angle.join(of_torque, on="time", how="full", coalesce=True).sort("time")
     provenance = {
         "columns": {"theta": {"file": "log"}, "torque": {"file": "log", **(torque_facts or {})}},
-        "log": {"time": {"stamps": stamps}},
+        "log": {"time": {"stamps": "auto"}},
     }
     return Trial("made", samples, provenance)
 
 
-def fitted(trial, **fields):
+def fitted(trial):
     """The row of the trial's fit over all amplitudes."""
-    record = record_of_trial(trial, DynamometerAnalysis(**SETTINGS, **fields))
+    record = record_of_trial(trial, DynamometerAnalysis(**SETTINGS))
     return table_of(record).row(-1, named=True)
 
 
@@ -182,6 +182,3 @@ def test_only_a_counter_tells_which_samples_a_late_host_lost():
     samples = lossy.samples.join(counter, on="time", how="left")
 
     assert_right(fitted(Trial("made", samples, lossy.provenance)))
-
-
-# ---- The grid

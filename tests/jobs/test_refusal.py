@@ -252,16 +252,6 @@ def test_a_worker_does_several_jobs_and_ends_with_snakemake_even_if_that_is_kill
     assert psutil.wait_procs(left, timeout=20)[1] == []
 
 
-@pytest.mark.parametrize(("reason", "remedy"), [
-    ("x.csv: no such file", "correct the sheet; or copy it there"),
-    ("no field 'a[name=b]'", "it has position[name=left], position[name=right]"),
-    ("x.mcap: no topic '/a' (no footer; record again)", ""),
-])  # fmt: skip
-def test_the_remedy_of_an_error_stands_behind_the_first_semicolon_outside_brackets(reason, remedy):
-    fault = InputError(reason, remedy)
-    assert (fault.reason, fault.remedy) == (reason, remedy)
-
-
 def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own():
     recordings = {name: [f"raw/{name}.c3d"] for name in ("heel", "knee", "toe", "walk", "run")}
     reasons = {"walk": "no plate; zero it"}
@@ -451,12 +441,12 @@ def test_no_line_of_snakemake_follows_the_error_of_a_job(tmp_path, capsys):
     assert capsys.readouterr().err.splitlines() == [following, "failed: verdict: 1 trial; mend"]
 
 
-def lines_of_a_stage(total, ended, monkeypatch, capsys):
-    """What is printed while the first jobs of a stage end, each after 11 s."""
+def lines_of_a_stage(ended, monkeypatch, capsys):
+    """What is printed while the first of ten jobs of a stage end, each after 11 s."""
     clock = SimpleNamespace(now=100.0)
     monkeypatch.setattr("time.monotonic", lambda: clock.now)
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
-    tell(lines, LogEvent.RUN_INFO, stats={"ingest": total})
+    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 10})
     for job in range(ended):
         tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=[])
         clock.now += 11
@@ -465,13 +455,13 @@ def lines_of_a_stage(total, ended, monkeypatch, capsys):
 
 
 def test_a_line_of_a_stage_tells_the_time_left(monkeypatch, capsys):
-    of_six = lines_of_a_stage(10, 6, monkeypatch, capsys)[-1]
+    of_six = lines_of_a_stage(6, monkeypatch, capsys)[-1]
 
     assert of_six.endswith("6/10, about 44 s left")
 
 
 def test_no_time_left_is_told_before_half_of_a_stage(monkeypatch, capsys):
-    of_five = lines_of_a_stage(10, 5, monkeypatch, capsys)[-1]
+    of_five = lines_of_a_stage(5, monkeypatch, capsys)[-1]
 
     assert of_five.endswith("5/10")
 

@@ -2,7 +2,9 @@
 """What is told to be unchecked in a row, or to be known: only what could change K much."""
 
 import pytest
-from conftest import noted_in
+from conftest import findings_of
+
+from osl_analysis.judge.finding import Limits
 
 NO_FIXTURE = {"fixture": None}
 
@@ -28,7 +30,8 @@ NO_FIXTURE = {"fixture": None}
 ])  # fmt: skip
 def test_what_a_row_does_not_show_is_told(name, table, told, not_told):
     def is_told(row):
-        return name in [finding.name for finding in noted_in(table, row)]
+        found = findings_of({"trial": "a", **row}, Limits(), table)
+        return name in [finding.name for finding in found]
 
     assert [row for row in told if not is_told(row)] == []
     assert [row for row in not_told if is_told(row)] == []

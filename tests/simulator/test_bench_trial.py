@@ -50,10 +50,10 @@ def only(changes):
     return SimulationSettings.model_validate(chosen)
 
 
-def simulated(changes, trial=TRIAL):
+def simulated(changes):
     """Log and truth of a trial."""
     chosen = only(changes)
-    return simulate_bench_trial(row_of_trial(chosen, Path("settings.yaml"), trial), chosen, P)
+    return simulate_bench_trial(row_of_trial(chosen, Path("settings.yaml"), TRIAL), chosen, P)
 
 
 def log_of(changes):

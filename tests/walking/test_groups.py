@@ -175,7 +175,6 @@ def session(**changed):
     random = np.random.default_rng(6)
     crossings = []
     for k in range(11):
-        random.standard_normal(2)
         stance = 0.72 + 0.01 * random.standard_normal()
         plain = crossing(f"w{k}", onset=0.6 if k % 2 else None, stance=stance)
         crossings.append(plain)

@@ -2,7 +2,6 @@
 """Stance, onset and the phase of gait; a response is isolated and predicted, its impedance is the
 one that made it."""
 
-import zlib
 from dataclasses import replace
 from functools import partial
 
@@ -43,27 +42,20 @@ def angle(phase):
     return 0.2 * np.sin(2.4 * phase) - 0.12 * np.exp(-(((phase - 0.09) / 0.06) ** 2))
 
 
-def walked(
-    name, scale = 1.0, slow = 0.0, onset = None,
-    impedance = (K, B, I),
-) :  # fmt: skip
-    """A crossing at a pace; its name gives slow deviations: angle `slow` [rad] below 4 Hz, torque
-    300 N*m/rad of it."""
-    random = np.random.default_rng(zlib.crc32(name.encode()))
-    plain = crossing(name, onset, 0.72 * scale, impedance)
-    waves = random.uniform(0.3, 4.0, 4)[:, None] * plain.time + random.random((4, 1))
-    deviation = slow * random.standard_normal(4) @ np.sin(2 * np.pi * waves) / np.sqrt(2)
+def walked(name, scale=1.0, onset=None):
+    """A crossing at a pace."""
+    plain = crossing(name, onset, 0.72 * scale, (K, B, I))
     turn = plain.theta - crossing(name, stance=0.72 * scale).theta
-    theta = angle((plain.time - 0.3) / (0.72 * scale)) + turn + deviation
-    return replace(plain, theta=theta, torque=plain.torque + 300 * deviation)
+    theta = angle((plain.time - 0.3) / (0.72 * scale)) + turn
+    return replace(plain, theta=theta)
 
 
-def usual(slow=0.0, n=10):
-    return unperturbed_gait([walked(f"u{k}", 1 + 0.02 * np.sin(k), slow) for k in range(n)], 3)
+def usual():
+    return unperturbed_gait([walked(f"u{k}", 1 + 0.02 * np.sin(k)) for k in range(10)], 3)
 
 
-def mean_gait(n=4):
-    return unperturbed_gait([crossing(f"u{k}", stance=0.68 + 0.02 * k) for k in range(n)], 3)
+def mean_gait():
+    return unperturbed_gait([crossing(f"u{k}", stance=0.68 + 0.02 * k) for k in range(4)], 3)
 
 
 def test_a_response_is_zero_on_average_over_the_baseline():
@@ -150,8 +142,8 @@ def trapezoid(start, end):
     return np.clip(np.minimum(TIME - start, end - TIME) * 8000, 0, 800)
 
 
-def stances(force, shortest=0.3):
-    return [(s.heel_strike, s.toe_off) for s in find_stances(TIME, force, 40, 20, shortest)]
+def stances(force):
+    return [(s.heel_strike, s.toe_off) for s in find_stances(TIME, force, 40, 20, 0.3)]
 
 
 WHOLE = trapezoid(0.9, 1.6)

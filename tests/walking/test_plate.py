@@ -303,12 +303,12 @@ def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model():
     assert model.parameters[0] == pytest.approx(MASS, rel=0.02)
 
 
-def stepped(offset, noise=0.4):
+def stepped(offset):
     """A step of 0.7 s and 800 N from 1 s; then the tilted plate reads 5 N more with half the
     noise."""
     is_tilted = TIME > 1.75
     load = 800 * np.sin(np.pi * np.clip((TIME - 1) / 0.7, 0, 1)) + 5.0 * is_tilted
-    noise_of_time = np.where(is_tilted, 0.5, 1.0)[:, None] * noise
+    noise_of_time = np.where(is_tilted, 0.2, 0.4)[:, None]
     random = white_noise((len(TIME), 3), 2)
     force = np.outer(load, [0.1, 0.0, 1.0]) + offset + noise_of_time * random
     moment = 0.02 * offset + np.outer(load, [0.0, -0.1, 0.0])
@@ -440,14 +440,15 @@ def test_an_empty_plate_beside_a_loaded_one_is_refused():
         zeroed_wrench(trial, TIME[::5], settings(plate=2))
 
 
-def with_corners(corners):
-    facts = {"plates": [{"plate": 1, "type": 2, "corners": corners.tolist()}]}
-    return Trial("plate_1", pl.DataFrame({"time": [0.0]}), facts)
+PLACED = Trial(
+    "plate_1",
+    pl.DataFrame({"time": [0.0]}),
+    {"plates": [{"plate": 1, "type": 2, "corners": SURFACE.tolist()}]},
+)
 
 
 @pytest.mark.parametrize(("trial", "plate", "message"), [
-    (with_corners(SURFACE), 2, "plate 2;.*1"),
-    (replace(with_corners(SURFACE), provenance={}), 1, "`plate`"),
+    (PLACED, 2, "plate 2;.*1"), (replace(PLACED, provenance={}), 1, "`plate`"),
 ])  # fmt: skip
 def test_a_plate_without_corners_is_refused(trial, plate, message):
     with refused_with(message):

@@ -179,10 +179,9 @@ IN_STANCE = pl.col("time").is_between(1.0, 1.6).cast(pl.Float64)
     ({"load_on_n": 1000}, {}, "stance.*plate"),
     ({}, {"plate1_force_z": pl.col("plate1_force_z") * ~IN_AIR},
      r"0\.93\d-1\.25\d s, 1\.2\d\d-1\.59\d s"),
-    ({}, {"plate1_moment_y": pl.col("plate1_moment_y") + IN_STANCE * 120}, "0 cm.*toes up"),
     ({}, {"plate1_force_x": -100 * pl.col("time") * IN_STANCE}, "N, 179 deg.*wrong sign"),
 ])  # fmt: skip
-def test_none_or_several_stances_or_one_that_lifts_or_brakes_are_refused(more, changes, told):
+def test_none_or_several_stances_or_one_that_brakes_are_refused(more, changes, told):
     with refused_with(told):
         unperturbed(changed(WALK, **changes), **more)
 

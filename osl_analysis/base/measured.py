@@ -26,9 +26,7 @@ NORMAL_MEDIAN = 0.6745  # of |x| of a normal deviate, in standard deviations
 UNIFORM_WIDTH = math.sqrt(12)  # standard deviations that a uniform distribution is wide
 
 
-def check_finite(
-    name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL, least: float = 0.0
-) -> None:
+def check_finite(name: str, values: ArrayLike, least: float = 0.0) -> None:
     """Refuse numbers that are not finite, or too large, or too small.
 
     Parameters
@@ -37,9 +35,8 @@ def check_finite(
         What the numbers are, for the message.
     values : ArrayLike
         Numbers of any shape.
-    limit, least : float
-        No number may be larger than `limit` in size; the largest may not be below `least` in size
-        unless all are 0.
+    least : float
+        The largest may not be below it in size, unless all are 0.
 
     Raises
     ------
@@ -52,7 +49,7 @@ def check_finite(
             f"{name} is not finite at sample {np.argmin(np.isfinite(array))}",
             "repair the log, or cut it there",
         )
-    if largest > limit or 0 < largest < least:
+    if largest > LARGEST_SIGNAL or 0 < largest < least:
         raise InputError(
             f"{name} reaches {largest:.3g}, which no sensor gives",
             "check its channel and unit in the source file, and the bytes of the log",

@@ -237,13 +237,6 @@ def belt_deflection(theta: ArrayLike, theta_m: ArrayLike, p: DrivetrainParameter
     return np.asarray(theta) - np.asarray(theta_m) / p.n_T
 
 
-def belt_torque(theta_s: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Torque tau_s [N*m] in the belt (Eq. 8), plus the quadratic term K_s2, which is 0 in most
-    parameter files."""
-    theta_s = np.asarray(theta_s)
-    return np.asarray(p.K_s * theta_s + p.K_s2 * theta_s * np.abs(theta_s))
-
-
 def held_actuator(
     s: ArrayLike, K_1: ArrayLike, B_1: ArrayLike, p: DrivetrainParameters, delay: ArrayLike = 0.0
 ) -> NDArray[np.complex128]:

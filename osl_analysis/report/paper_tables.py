@@ -28,7 +28,6 @@ from osl_analysis.stats.rounding import (
 
 CONDITION_KEYS = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 LATEX, HEADS, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
-STATED_COLUMNS = ("controller", "K_d", "B_d")
 LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""

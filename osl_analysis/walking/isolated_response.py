@@ -34,7 +34,6 @@ MATCHED_STEP = 4  # every fourth phase is enough after a low-pass of 20 Hz
 SMALLEST_SCALE = 0.75
 LARGEST_SCALE = 1 / SMALLEST_SCALE
 DRIFT_ORDERS = range(1, 9)
-LARGEST_SCALE_STEP = 0.05
 SCALE_ROUNDING = 1e-6  # a smaller step of the search is rounding, and ends it
 SCALE_ROUNDS = 15
 
@@ -139,7 +138,7 @@ def matched_scales(phase: Array, curves: Array, mean: Array, order: int) -> Arra
         by_size, by_scale, unexplained = columns - columns @ drift @ drift.T
         by_scale -= by_size * coefficients(by_scale, by_size, negligible)[:, None]
         step = coefficients(unexplained, by_scale, negligible)
-        scales += np.clip(step, -LARGEST_SCALE_STEP, LARGEST_SCALE_STEP)
+        scales += step
     within = (scales > SMALLEST_SCALE) & (scales < LARGEST_SCALE)
     return np.where((np.abs(step) < SCALE_ROUNDING) & within, scales, np.nan)
 

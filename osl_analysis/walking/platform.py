@@ -34,9 +34,6 @@ MARKER_ROUNDING = 2e-7  # of a marker: single precision at 1 m
 MARGIN_OVER_NOISE = 1.3  # of a direction's mean square over the largest that noise would show
 
 
-QUARTILE_TO_SD = 3.1383  # from the lower quartile of absolute deviations of normal noise
-
-
 def rotation_from_rest(platform: Poses) -> Array:
     """Angle (n,) [rad] from the static pose about the axis of the largest rotation; NaN if unseen.
 
@@ -201,7 +198,8 @@ def platform_track(
     bends = np.abs(velocity[step:-step] - (velocity[: -2 * step] + velocity[2 * step :]) / 2)
     if not bends.size:
         return track
-    of_speed = QUARTILE_TO_SD * np.quantile(bends, 0.25) / np.sqrt(1.5)
+    # half of normal noise, times sqrt(1.5) of a bend, lies between its quantiles 0.375 and 0.625
+    of_speed = np.quantile(bends, 0.25) / (scipy.special.ndtri(0.625) * np.sqrt(1.5))
     noise = of_speed / np.sqrt(noise_gain(track.low_pass, rate, 1))
     return replace(track, noise=max(noise, MARKER_ROUNDING))
 
@@ -339,13 +337,13 @@ def align(ramps: list[Ramp]) -> tuple[Array, float, Mask]:
         lack_of_fit = np.sqrt(np.mean((angles - (X @ estimates).T) ** 2, axis=1)) / noise
         # The better half is always in the mean
         follows = lack_of_fit <= max(LARGEST_LACK_OF_FIT_OF_RAMP, np.median(lack_of_fit))
-    start, se = start_of_rise(SINCE_MIDDLE, mean)
+    start, se = start_of_rise(mean)
     return middles + start, se, lack_of_fit <= LARGEST_LACK_OF_FIT_OF_RAMP
 
 
-def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
-    """Find the start [s] of a ramp (n,) at times (n,) [s], from a smooth step fitted to its rise,
-    and its standard error [s]: that of a step whose shape is free, too.
+def start_of_rise(ramp: Array) -> tuple[float, float]:
+    """Find the start [s] of a ramp at the times `SINCE_MIDDLE`, from a smooth step fitted to its
+    rise, and its standard error [s]: that of a step whose shape is free, too.
 
     Steps are the incomplete beta functions I(x; p, p): a straight ramp for p = 1, a cubic for 2,
     minimum jerk for 3, degree seven for 4. Minimum jerk is taken unless another is far more likely:
@@ -355,12 +353,12 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     noise = max(ramp[BEFORE_RAMP].std(), RAMP_ROUNDING * height)
     half, end = (np.argmax(ramp >= share * height) for share in (0.5, FITTED_RISE))
     quarter = np.argmax(ramp >= height / 4)
-    duration = 4 * max(time[half] - time[quarter], STEP_S)
-    guess = [time[half] - duration / 2, duration]
+    duration = 4 * max(SINCE_MIDDLE[half] - SINCE_MIDDLE[quarter], STEP_S)
+    guess = [SINCE_MIDDLE[half] - duration / 2, duration]
 
     def residuals(step: Array, p: float) -> Array:
         """Over noise, so that `cost` is half of chi-square."""
-        since_start = np.clip((time[: end + 1] - step[0]) / step[1], 0, 1)
+        since_start = np.clip((SINCE_MIDDLE[: end + 1] - step[0]) / step[1], 0, 1)
         return (height * scipy.special.betainc(p, p, since_start) - ramp[: end + 1]) / noise
 
     least_squares: Any = scipy.optimize.least_squares

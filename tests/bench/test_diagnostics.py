@@ -77,7 +77,7 @@ def leg(
     """A drivetrain's trial from Eqs. 3-4 and a belt with hysteresis; the actuator moves as no
     second-order joint, by a law of angle, velocity and friction."""
     rng = np.random.default_rng(8)
-    time, (theta, omega, alpha) = multisine(rng, rate=250.0)
+    time, (theta, omega, alpha) = multisine(rng)
     wound = np.dot(law, [theta, omega, np.tanh(omega / 0.05)])
     torque = (
         J_j * alpha

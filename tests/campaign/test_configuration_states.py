@@ -114,7 +114,7 @@ def test_unstated_settings_make_no_finding_on_a_sound_recording(with_default):
         )
         assert {*judged["verdict"]} == {"pass", "not applicable"}
     states = {row["setting"]: row["state"] for row in states_of(config, {}, EXPERIMENTS)}
-    assert {states[name] for name in OF_BENCH} <= {"assumed", "measured", "none"}
+    assert {states[name] for name in OF_BENCH} <= {"assumed", "none"}
 
 
 OF_GAIT = {
@@ -160,7 +160,7 @@ def test_the_default_campaign_assumes_no_fact():
     assert {row["state"] for row in states_of(default, {}, EXPERIMENTS)} == {"stated", "none"}
 
 
-def test_facts_that_nobody_stated_are_measured_none_or_assumed(tmp_path):
+def test_facts_that_nobody_stated_are_none_or_assumed(tmp_path):
     path = tmp_path / "own.yaml"
     path.write_text("{campaign: own, simulation: null, dynamometer: {amplitudes_deg: [3]}}")
 

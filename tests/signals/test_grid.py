@@ -130,7 +130,7 @@ def test_samples_of_a_clock_that_creeps_lie_about_its_line_where_the_stamps_do()
 
 @pytest.mark.parametrize(("kind", "age"), [("even", 0.0), ("true", 0.0), ("true", 0.5)])
 @pytest.mark.parametrize("case", [
-    {"decimals": 4}, {"rate": 200.0, "jitter": 1e-3}, {"lost": 1e-3},
+    {"decimals": 4, "jitter": 6.5e-5}, {"rate": 200.0, "jitter": 1e-3}, {"lost": 1e-3},
 ])  # fmt: skip
 def test_even_devices_true_stamps_and_older_values_are_told_apart(kind, age, case):
     recording, taken = recorded(**{"seed": len(str(case)), "kind": kind, "age": age, **case})
@@ -144,6 +144,15 @@ def test_even_devices_true_stamps_and_older_values_are_told_apart(kind, age, cas
     late_in_loops = (reading.times(part.clock) - taken) * case.get("rate", RATE)
     assert np.std(late_in_loops[50:-50]) < 0.06
     assert_recovers_the_joint(on_one_grid([part], USUAL_FILTER))
+
+
+def test_an_even_device_whose_stamps_are_rounded_is_told_by_this_alone():
+    recording, _ = recorded(1, "even", rate=333.0, jitter=1e-6, decimals=3)
+
+    (part,) = take([recording])
+
+    assert part.reading.firm
+    assert part.reading.why == "even: the stamps scatter by their rounding alone"
 
 
 def test_stamps_whose_rate_changes_for_good_are_those_of_no_even_device():

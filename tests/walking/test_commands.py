@@ -277,17 +277,6 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real, 
     assert crossing.body_mass == 77.0
 
 
-def test_a_marker_that_lacks_is_refused_by_name_with_the_others(ideal, tmp_path):
-    still = ideal.unperturbed[0]
-    trial = read_trial(ideal.trial(still))
-    unlabelled = replace(trial, samples=trial.samples.drop("marker_FOOT3_x"))
-    write_trial(unlabelled, tmp_path / "unlabelled.parquet")
-    output = tmp_path / "crossing.parquet"
-
-    with refused(output, f"trial {still}: .*'FOOT3'.*'FOOT[124]'"):
-        ideal.analyse(tmp_path / "unlabelled.parquet", False, output)
-
-
 def test_each_trial_has_the_static_calibration_that_it_names(ideal, tmp_path):
     calibration = ideal.folder / "calibration.json"
     content = json.loads(calibration.read_text())

@@ -79,7 +79,7 @@ def test_the_start_of_a_rise_has_the_error_of_a_step_of_any_shape():
     noise = 2e-3
     rises = clean < FITTED_RISE
 
-    start, se = start_of_rise(SINCE_MIDDLE, clean + noise * white_noise(len(clean), 5))
+    start, se = start_of_rise(clean + noise * white_noise(len(clean), 5))
 
     free = (-0.04, 0.08, 3.0)
     of_noise = {"sigma": np.full(rises.sum(), noise), "absolute_sigma": True}

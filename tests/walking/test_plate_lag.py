@@ -38,7 +38,7 @@ def crossings(count=3, **changes):
 
 def test_crossings_that_are_later_than_the_unloaded_plate_are_read_later():
     quiet = Rig(marker=1e-4)
-    unloaded = [(trial, CALIBRATION) for trial in plate_trials(quiet, Ramp(), 3, 3)]
+    unloaded = [(trial, CALIBRATION) for trial in plate_trials(quiet, Ramp(), 3)]
     model = identify_plate_model(unloaded, settings())
 
     timing = timing_of(crossings(marker=1e-4, lag=0.006), model, settings())

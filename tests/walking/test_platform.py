@@ -22,7 +22,8 @@ from osl_analysis.walking.plate_inertia import (
     TurnLag,
     identify_plate_model,
 )
-from osl_analysis.walking.poses import static_calibration
+from osl_analysis.walking.platform import platform_track
+from osl_analysis.walking.poses import segment_poses, static_calibration
 from osl_analysis.walking.set_up import check_onset
 
 CALIBRATION = static_calibration(static_trial(), settings())
@@ -37,7 +38,7 @@ def calibrated(trials):
 
 @cache
 def plate(heave=0.0):
-    return identify_plate_model(calibrated(plate_trials(RIG, Ramp(heave=heave), 3, 2)), settings())
+    return identify_plate_model(calibrated(plate_trials(RIG, Ramp(heave=heave), 2)), settings())
 
 
 def unperturbed(trial, model=NO_CORRECTION, **choices):
@@ -98,6 +99,14 @@ def test_the_mass_of_a_heavy_plate_is_inside_its_interval(heave):
     assert abs(model.parameters[3] - RIG.mass * RIG.com[2]) < 0.04
 
 
+def test_the_noise_of_the_platform_s_track_is_that_of_its_markers():
+    time, poses = segment_poses(WALK, settings().markers.platform, CALIBRATION, settings())
+
+    track = platform_track("walk_1", time, poses, CALIBRATION, settings())
+
+    assert track.noise == pytest.approx(RIG.marker, rel=0.15)
+
+
 def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial():
     with refused_with("shank markers"):
         unperturbed(moved(WALK, "SHANK1", by=0.07), plate())
@@ -129,7 +138,7 @@ def test_a_crossing_without_a_static_trial_of_its_own_is_refused(cells, statics,
 
 
 def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm():
-    trials = [raised(trial, [0, 0, 0.02]) for trial in plate_trials(RIG, Ramp(), 3, 2)]
+    trials = [raised(trial, [0, 0, 0.02]) for trial in plate_trials(RIG, Ramp(), 2)]
 
     high = identify_plate_model(calibrated(trials), settings())
 
@@ -158,7 +167,9 @@ def test_a_foot_at_the_edge_of_the_plate_has_its_load():
 
 
 def test_a_foot_partly_beside_the_plate_is_refused():
-    with refused_with("foot marker lies 3.* cm beside"):
+    with refused_with(
+        "foot marker lies 3.* cm beside force plate 1.*another foot.*`walking.plate`"
+    ):
         unperturbed(raised(WALK, [0.2, -0.02, 0]))
 
 

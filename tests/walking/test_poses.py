@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Marker clusters and the ankle: the pose that moved them comes out, signs are a clinician's."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
@@ -165,8 +165,10 @@ FLAT = [pl.col(f"marker_FOOT{k}_{axis}") * 0 for k in range(1, 5) for axis in "y
 @pytest.mark.parametrize(("trial", "told"), [
     (hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), "^marker SHANK2"),
     (changed(static_trial(ANKLE), *FLAT), "foot markers FOOT1, FOOT2, FOOT3, FOOT4"),
+    (replace(static_trial(), samples=static_trial().samples.drop("marker_FOOT3_x")),
+     "'FOOT3'.*'FOOT[124]'"),
 ])  # fmt: skip
-def test_a_static_marker_never_seen_and_a_cluster_on_a_line_are_refused(
+def test_a_static_marker_that_is_hidden_or_lacks_and_a_cluster_on_a_line_are_refused(
     trial: Trial, told: str
 ) -> None:
     with refused_with(told):

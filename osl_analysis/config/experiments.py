@@ -53,7 +53,7 @@ class Experiment:
     beside: Sequence[str] = ()  # columns that its analysis uses where a trial has them
     # columns of the sample sheet that its trials must fill
     sheet: Sequence[str] = ()
-    follows: Sequence[str] = ()  # fields of `sheet.SharedChoices` that its simulated trials use
+    follows: Sequence[str] = ()  # fields of `SharedChoices` that its simulated trials use
     stepped_sine: bool = False  # the motion follows the stepped-sine protocol of `dynamometer`
     any_motion: bool = False  # another motion than the stepped sine may move the joint
     bare_plate: bool = False  # every force plate is unloaded at some time

@@ -399,7 +399,7 @@ def analyse_crossing(
     _, ahead = ankle.along(shank.position - ankle.centre)
     check_side(phase, ahead)
 
-    # Torque, and its changes
+    # Torque
     readings = readings_of(unloaded, lag)
     reactions, centre = reactions_on_foot(passage, readings, calibration, settings)
     torques = np.array(
@@ -407,14 +407,6 @@ def analyse_crossing(
     )
     load = load_on_foot(reactions[0], centre, ankle)
     push = ankle.along(reactions[0][:, :3])
-    *without_trials, later, heavier = torques - torques[0]
-    turned = passage.poses["platform"].rotation  # with which an error of the plate's place turns
-    force = np.hstack([reactions[0][:, :3], np.zeros_like(centre)])
-    higher, further = (
-        ankle_torque(force, 1e-3 * turned @ direction, np.zeros(3), ankle.axis)
-        for direction in (VERTICAL, ankle.forward.mean(axis=0))
-    )
-    changes = np.array([*without_trials[1:], later, higher, further, heavier])
     torque = torques[0]
     if settings.foot is not None:
         of_foot = settings.foot
@@ -444,10 +436,23 @@ def analyse_crossing(
         stance=passage.stance,
         onset=passage.onset,
         bridged=np.mean(bridged[passage.stance.contains(passage.time)]),
-        changes=changes,
+        changes=changes_of(torques, reactions[0], passage.poses["platform"].rotation, ankle),
         quality=crossing_quality(trial, passage, ankle, load, calibration, settings),
         turn=turn,
     )
+
+
+def changes_of(torques: Array, reaction: Array, turned: Array, ankle: Ankle) -> Array:
+    """Changes (m + 4, n) [N*m] of the torque, as in `Crossing`, by the torques of all `readings_of`
+    the plate, and by the rotation of the platform (n, 3, 3), with which an error of the plate's
+    place turns."""
+    *without_trials, later, heavier = torques - torques[0]
+    force = np.hstack([reaction[:, :3], np.zeros_like(ankle.centre)])
+    higher, further = (
+        ankle_torque(force, 1e-3 * turned @ direction, np.zeros(3), ankle.axis)
+        for direction in (VERTICAL, ankle.forward.mean(axis=0))
+    )
+    return np.array([*without_trials[1:], later, higher, further, heavier])
 
 
 def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, float]) -> float:

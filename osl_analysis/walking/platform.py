@@ -347,7 +347,8 @@ def start_of_rise(ramp: Array) -> tuple[float, float]:
 
     Steps are the incomplete beta functions I(x; p, p): a straight ramp for p = 1, a cubic for 2,
     minimum jerk for 3, degree seven for 4. Minimum jerk is taken unless another is far more likely:
-    starts of two steps that fit equally well differ by 6 to 10 % of the rise.
+    starts of two steps that fit equally well differ by 6 to 10 % of the rise. A free shape is none
+    of them: it follows what alignment smears of the mean, and the start is 1.2 ms off.
     """
     height = ramp[ramp > PLATEAU * ramp.max()].mean()
     noise = max(ramp[BEFORE_RAMP].std(), RAMP_ROUNDING * height)

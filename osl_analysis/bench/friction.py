@@ -21,11 +21,13 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     BEYOND,
     IMPEDANCE,
+    SHARP_WIDTH,
     Model,
     Sums,
     columns_of,
     fit_groups,
     gram_sums,
+    sums_of,
     with_effects,
 )
 from osl_analysis.inference import (
@@ -101,12 +103,13 @@ def coulomb_fit(s: Sums, analysis: Analysis, is_certain: bool | None = None) -> 
         return DryFriction(s, is_untold=True)
     model = analysis.model
     try:
-        smooth = friction_beside(s, model, "T_C")
+        smooth = friction_beside(s, model)
         if is_certain is False or not smooth.certain("T_C") or smooth["T_C"] <= 0:
             return DryFriction(s)
         fit = without_friction(s, model, smooth)
-        sharp = friction_beside(s, model, "T_C_sharp")
-        of_width = without_friction(s, model, sharp).estimates - fit.estimates
+        sharp = sums_of(analysis.record, width=SHARP_WIDTH)
+        of_sharp = without_friction(sharp, model, friction_beside(sharp, model))
+        of_width = of_sharp.estimates - fit.estimates
     except IdentifiabilityError:
         return DryFriction(s, is_untold=True)
     fit = with_errors_of(analysis, fit.with_known_error("friction_sign", of_width))
@@ -121,25 +124,24 @@ def with_errors_of(analysis: Analysis, fit: LinearFit) -> LinearFit:
     return analysis.with_bench_errors(fit, None)
 
 
-def friction_beside(s: Sums, model: Model, column: str) -> LinearFit:
-    """Fit of a model with friction, whose sign changes as in `column`, and with the higher
-    derivatives of the angle that the motion determines: without these a linear drivetrain's
-    deviation from Eq. 15 passes for friction of 0.4 N*m. Raises as `fit_groups`."""
+def friction_beside(s: Sums, model: Model) -> LinearFit:
+    """Fit of a model with friction, and with the higher derivatives of the angle that the motion
+    determines: without these a linear drivetrain's deviation from Eq. 15 passes for friction of
+    0.4 N*m. Raises as `fit_groups`."""
     for higher in (("jerk", "snap"), ("jerk",)):
         with suppress(IdentifiabilityError):
-            return with_effects(s, model, column, *higher)
-    return with_effects(s, model, column)
+            return with_effects(s, model, "T_C", *higher)
+    return with_effects(s, model, "T_C")
 
 
 def without_friction(s: Sums, model: Model, friction: LinearFit) -> LinearFit:
     """The estimates of a model for the torque less its friction, as `friction_beside` has fitted
     it, and this friction `T_C` [N*m]. Its error is one of the other estimates, too, by what
     friction of 1 N*m adds to each of them."""
-    column = friction.names[len(model)]
-    T_C = friction[column]
-    fit = fit_groups(s.less(column, T_C), model)
-    by_friction = np.append(-s.estimates([*model.values()], column), 1.0)
-    standard, freedom = friction.budget(column).spread()
+    T_C = friction["T_C"]
+    fit = fit_groups(s.less("T_C", T_C), model)
+    by_friction = np.append(-s.estimates([*model.values()], "T_C"), 1.0)
+    standard, freedom = friction.budget("T_C").spread()
     of_friction = standard**2 * np.outer(by_friction, by_friction)
     of_fit = np.zeros_like(of_friction)
     of_fit[:-1, :-1] = fit.covariance
@@ -271,7 +273,7 @@ def with_other_shapes(fit: LinearFit, joint: ImpedanceInference) -> LinearFit:
 
 def passes_for_damping(s: Sums, analysis: Analysis) -> bool:
     """Whether the Coulomb column takes a part of the damping of a joint."""
-    friction = friction_beside(s, analysis.model, "T_C")
+    friction = friction_beside(s, analysis.model)
     if not friction.certain("T_C"):
         return False
     damping = without_friction(s, analysis.model, friction)["B"]

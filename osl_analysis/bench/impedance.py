@@ -414,7 +414,8 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     few = record.coarse
     groups = sums.groups
     low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
-    signals = fast_signals(few, sums.columns)
+    signals = np.array([*sums.columns.values(), few.filtered_torque, few.torque])
+    signals = fast_signals(few, sums.names, signals)
     slow = scipy.signal.sosfiltfilt(sections_of(low_pass, few.rate_hz), signals)
     noise_hz, power = record.angle_noise
     gain_below = low_pass.gain(noise_hz)

@@ -98,9 +98,10 @@ Model = Mapping[str, str]  # estimate -> column of `sums_of`
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}
 # Eq. 4 without a belt
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}
-SIGN_WIDTHS = {"T_C_sharp": 1e-3, "T_C": 1e-2}
-"""Columns of Coulomb friction, by the velocity [rad/s] over which it changes sign; the larger is
-ten times the velocity noise of 14 bits."""
+# of the velocity [rad/s], over which Coulomb friction changes its sign: ten times the noise of 14
+# bits, and a tenth of it, since no recording shows the width
+SIGN_WIDTH = 1e-2
+SHARP_WIDTH = 1e-3
 BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
@@ -201,23 +202,22 @@ def gram_sums(
     signals = {**columns, "torque": record.filtered_torque, "raw torque": record.torque}
     for name, row in signals.items():
         check_finite(f"column '{name}'", row, least=SMALLEST_SIGNAL)
-    products = np.array([*signals.values()]).T
-    gram = products_between(products, products, groups.first, groups.stop)
+    rows = np.array([*signals.values()])
+    gram = products_between(rows.T, rows.T, groups.first, groups.stop)
     weighted = gram
     noise = np.zeros_like(gram[0])
     if angle_noise is not None:
-        fast = fast_signals(record, columns)
+        fast = fast_signals(record, tuple(signals), rows)
         noise = noise_moments(tuple(signals), record, angle_noise)
         weighted = products_between(fast.T, fast.T, groups.first, groups.stop)
         weighted -= (groups.stop - groups.first)[:, None, None] * noise
     return Sums(tuple(signals), gram, groups, columns, weighted, noise)
 
 
-def fast_signals(record: Record, columns: Mapping[str, Array]) -> Array:
-    """Columns, filtered and raw torque (q, n) without what is slower than the motion, as
-    `gram_sums` says."""
+def fast_signals(record: Record, names: Sequence[str], signals: Array) -> Array:
+    """Columns, filtered and raw torque (q, n) with these names without what is slower than the
+    motion, as `gram_sums` says."""
     slow_hz = record.band_hz[0]
-    signals = np.array([*columns.values(), record.filtered_torque, record.torque])
     groups = record.groups
     repeat = groups.repeat()
     fast = signals.copy()
@@ -231,7 +231,7 @@ def fast_signals(record: Record, columns: Mapping[str, Array]) -> Array:
         sines_hz = enumerate(stratum.frequency_hz for stratum in groups.strata)
         alike = [(repeat & (groups.stratum == number), hz) for number, hz in sines_hz]
     # offset and drift are left, which tell what is left of the torque's
-    moves = ~np.isin([*columns, "torque", "raw torque"], ["one", "ramp"])
+    moves = ~np.isin(names, ["one", "ramp"])
     for is_alike, hz in alike:
         for first, stop in run_edges(groups.cover(is_alike, n, EDGE_ROWS)):
             rows = slice(first, stop)
@@ -254,13 +254,23 @@ def running_mean(signals: Array, period: float) -> Array:
     the rows."""
     n = signals.shape[1]
     length = min(period, n)
-    first = np.clip(np.arange(n) + (1 - length) / 2, 0, n - length)
     sums = np.pad(np.cumsum(signals, axis=1), ((0, 0), (1, 0)))
-    up_to = []
-    for edges in (first, first + length):
-        row = np.minimum(edges.astype(np.intp), n - 1)
-        up_to.append(np.take(sums, row, axis=1) + (edges - row) * np.take(signals, row, axis=1))
-    return (up_to[1] - up_to[0]) / length
+
+    def up_to(edge: float, number: int = 1) -> Array:
+        """Sums of the rows before an edge, and before those that follow it, a row apart."""
+        row = min(int(edge), n - 1)
+        rows = slice(row, row + number)
+        return sums[:, rows] + (edge - row) * signals[:, rows]
+
+    # the first row about which the whole period lies within the rows, and how many such rows follow
+    begin = (1 - length) / 2
+    row = int(np.ceil(-begin))
+    number = int(np.ceil(n - length - begin - row))
+    means = np.empty_like(signals)
+    means[:, :row] = up_to(length) - up_to(0.0)
+    means[:, row : row + number] = up_to(begin + row + length, number) - up_to(begin + row, number)
+    means[:, row + number :] = up_to(n) - up_to(n - length)
+    return means / length
 
 
 def high_pass_gain(frequency: Array, slow: float) -> Array:
@@ -289,7 +299,7 @@ def noise_moments(names: Sequence[str], record: Record, angle_noise: Array) -> A
     return moments
 
 
-def friction_column(omega: Array, record: Record, width: float = SIGN_WIDTHS["T_C"]) -> Array:
+def friction_column(omega: Array, record: Record, width: float = SIGN_WIDTH) -> Array:
     """Torque (n,) of a Coulomb friction of 1 N*m at velocities (n,) [rad/s], behind the filter."""
     return record.settings.low_pass(np.tanh(omega / width), record.rate_hz)
 
@@ -313,9 +323,10 @@ def columns_of(record: Record) -> dict[str, Array]:
     }
 
 
-def sums_of(record: Record, expected: Stiffness | None = None) -> Sums:
+def sums_of(record: Record, expected: Stiffness | None = None, width: float = SIGN_WIDTH) -> Sums:
     """The sums of the models' columns and of all effects in a coarse record. `expected` is the
-    linear model's dynamic stiffness, if the gains are known."""
+    linear model's dynamic stiffness, if the gains are known; `width` that of the velocity [rad/s]
+    over which friction `T_C` changes its sign."""
     few = record.coarse
     columns = columns_of(few)
     higher = seven_point_motion(columns["alpha"], few.rate_hz)
@@ -329,9 +340,8 @@ def sums_of(record: Record, expected: Stiffness | None = None) -> Sums:
         swift = replace(low_pass, cutoff_hz=min(2 * highest_hz, HIGHEST_CUTOFF * record.rate_hz))
         omega = np.gradient(swift(record.theta, record.rate_hz), 1 / record.rate_hz)
     step = round(record.rate_hz / few.rate_hz)
-    for name, width in SIGN_WIDTHS.items():
-        # at the recorded rate, at which the sign changes within fewer rows
-        columns[name] = friction_column(omega, record, width)[::step]
+    # at the recorded rate, at which the sign changes within fewer rows
+    columns["T_C"] = friction_column(omega, record, width)[::step]
     if expected is not None:
         columns["linear"] = linear_torque(
             expected, columns["theta"], few.rate_hz, 3 * low_pass.cutoff_hz

@@ -116,7 +116,9 @@ def rendered_gains(
     B_1 = analysis.whole["B"] / p.n_T**2
     delay = of_device.loop_delay
     fitted = ("B_1", "K_1") if delay is not None else ("B_1", "K_1", "delay")
-    leg = Leg(analysis.record.coarse, p, K_1, max(B_1, 0.0), delay or 0.0, fitted)
+    few = analysis.record.coarse
+    still = {"T_C": friction_column(few.motion.omega, few), **offset_and_drift(few.time)}
+    leg = Leg(few, still, p, K_1, max(B_1, 0.0), delay or 0.0, fitted)
     with suppress(IdentifiabilityError):
         for _ in range(MOST_STEPS):
             step = fit_groups(leg.sums, leg.model, EFFECTS_LIMIT)
@@ -133,6 +135,8 @@ class Leg:
     """A record of a leg, and what its controller may render."""
 
     record: Record
+    # what friction of 1 N*m of the joint makes of the torque (n,), with offset and drift
+    still: Mapping[str, Array]
     p: DrivetrainParameters
     K_1: float  # [N*m/rad]
     B_1: float  # [N*m*s/rad]
@@ -183,27 +187,37 @@ class Leg:
         return self.p.K_s / self.p.n_T / held
 
     def torque_for(self, stiffness: Stiffness, angle: Array) -> Array:
-        """Torque (n,) [N*m] of a dynamic stiffness for an angle (n,) [rad]."""
+        """Torque (n,) [N*m] of a dynamic stiffness for an angle (n,) [rad]; (k, n) of several."""
         highest_hz = MOTION_CUTOFFS * self.record.settings.cutoff_hz
         return linear_torque(stiffness, angle, self.record.rate_hz, highest_hz)
 
+    def torques(self, *legs: "Leg") -> Array:
+        """What the controllers of some legs render for the record's motion, (k, n) [N*m]."""
+        return self.torque_for(
+            lambda s: np.array([leg.stiffness(s) for leg in legs]), self.record.motion.theta
+        )
+
     @cached_property
+    def rendered(self) -> Array:
+        """What the controller renders, and what it would with each parameter stepped, (k, n)
+        [N*m]."""
+        return self.torques(self, *(self.stepped(name) for name in self.fitted))
+
+    @property
     def torque(self) -> Array:
         """What the controller renders for the record's motion, (n,) [N*m]."""
-        return self.torque_for(self.stiffness, self.record.motion.theta)
+        return self.rendered[0]
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
         """The slopes (n,) of the torque in the gains and the delay, with offset and drift, and what
         1 N*m of friction of the joint, and of the actuator, makes of it."""
         record = self.record
-        columns = {
-            name: (self.stepped(name).torque - self.torque) / SLOPE_ROUNDING for name in self.fitted
-        }
+        of_fitted = (self.rendered[1:] - self.torque) / SLOPE_ROUNDING
+        slopes = dict(zip(self.fitted, of_fitted, strict=True))
         omega_m = self.torque_for(lambda s: s * self.turned(s), record.motion.theta)
-        columns["T_C"] = friction_column(record.motion.omega, record)
-        columns["T_m"] = self.torque_for(self.turned, friction_column(omega_m, record))
-        return {**columns, **offset_and_drift(record.time)}
+        slopes["T_m"] = self.torque_for(self.turned, friction_column(omega_m, record))
+        return {**slopes, **self.still}
 
     @cached_property
     def residual(self) -> Record:
@@ -297,12 +311,15 @@ def contributions_of_components(
     before = leg.impedance()
     found: dict[str, list[Contribution]] = {name: [] for name in before}
     most: dict[str, tuple[float, str]] = dict.fromkeys(before, (0.0, ""))  # by a percent of one
+    others = []
     for component in COMPONENT_SYMBOLS:
+        larger = getattr(leg.p, component) * (1 + SHARE_ROUNDING)
+        others.append(replace(leg, p=replace(leg.p, **{component: larger})))
+    changes = (leg.torque - leg.torques(*others))[:, rows]
+    estimates = np.linalg.lstsq(X, changes.T)[0].T
+    for component, other, moved in zip(COMPONENT_SYMBOLS, others, estimates, strict=True):
         value = getattr(leg.p, component)
-        other = replace(leg, p=replace(leg.p, **{component: value * (1 + SHARE_ROUNDING)}))
-        change = (leg.torque - other.torque)[rows]
-        changes = dict(zip(leg.model, np.linalg.lstsq(X, change)[0], strict=True))
-        after = other.moved_by(changes).impedance()
+        after = other.moved_by(dict(zip(leg.model, moved, strict=True))).impedance()
         for name in before:
             by_all = abs(after[name] - before[name]) / SHARE_ROUNDING
             if component not in uncertainties:

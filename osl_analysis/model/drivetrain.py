@@ -370,6 +370,7 @@ def linear_torque(
     Parameters
     ----------
     stiffness : Stiffness
+        Of one joint, or of several (k, f).
     theta : Array
         Angle (n,) [rad]; its mean does not count. Its mirror image is added to make it periodic.
     rate_hz : float
@@ -379,7 +380,7 @@ def linear_torque(
     Returns
     -------
     Array
-        (n,) [N*m].
+        (n,) or (k, n) [N*m].
     """
     n = len(theta)
     # it rests between the two: transforms of other lengths take up to a hundred times as long
@@ -388,6 +389,7 @@ def linear_torque(
     spectrum = scipy.fft.rfft(np.concatenate([theta, at_rest, theta[::-1]]))
     frequency_hz = scipy.fft.rfftfreq(rows, 1 / rate_hz)
     counts = (frequency_hz > 0) & (frequency_hz < highest_hz)
-    torque = np.zeros_like(spectrum)
-    torque[counts] = spectrum[counts] * stiffness(2j * np.pi * frequency_hz[counts])
-    return scipy.fft.irfft(torque, rows)[:n]
+    of_motion = spectrum[counts] * stiffness(2j * np.pi * frequency_hz[counts])
+    torque = np.zeros((*of_motion.shape[:-1], len(spectrum)), complex)
+    torque[..., counts] = of_motion
+    return scipy.fft.irfft(torque, rows)[..., :n]

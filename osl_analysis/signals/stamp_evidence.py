@@ -60,7 +60,7 @@ class StampEvidence(NamedTuple):
     lack_of_fit: Array  # (22,), chi-square of the `HYPOTHESES`
 
 
-def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
+def evidence_of(signal: Array, clock: DeviceClock, fast_part: Array) -> StampEvidence | None:
     """Estimate the response of one signal's sampling times to the scatter of its stamps.
 
     Parameters
@@ -69,6 +69,8 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
         (n,), NaN where the row has no value.
     clock : DeviceClock
         Of the stamps (n,).
+    fast_part : Array
+        Fast part of the stamps (n,) [s].
 
     Returns
     -------
@@ -85,8 +87,7 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
     has_value = ~np.isnan(signal)
     values = signal[has_value]
     count = clock.count[has_value]
-    late = clock.residual[has_value]
-    fast = late - smoothed(late, BLOCKS_SMOOTHED * ROWS + 1)
+    fast = fast_part[has_value]
     slope_window = max(2 * round(SLOPE_S / 2 / clock.step) + 1, MOTION_DEGREE + 2)
     slope = smoothed(values, slope_window, 1) / clock.step
 
@@ -191,7 +192,8 @@ def decide(signals: Mapping[str, Array], clock: DeviceClock) -> Reading:
     if clock.settles and clock.scatter < ROUNDED * clock.decimal:
         return Reading(True, 0.0, True, "even: the stamps scatter by their rounding alone")
 
-    evidence = {name: evidence_of(signal, clock) for name, signal in signals.items()}
+    fast_part = clock.residual - smoothed(clock.residual, BLOCKS_SMOOTHED * ROWS + 1)
+    evidence = {name: evidence_of(signal, clock, fast_part) for name, signal in signals.items()}
     return reading_of(clock, {name: found for name, found in evidence.items() if found})
 
 

@@ -349,15 +349,16 @@ def with_encoder_errors(
     bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
     found = {}
     for label, fit in fits.items():
-        rows = few.is_fitted(label)
-        _, inverse = solved(X[:, rows] @ X[:, rows].T, np.zeros(len(X)))
+        rows = np.flatnonzero(few.is_fitted(label))
+        fitted = X[:, rows]
+        _, inverse = solved(fitted @ fitted.T, np.zeros(len(X)))
         of_columns = dict(zip(model.values(), fit.estimates.tolist(), strict=True))
         stiffness, damping, inertia = (of_columns.get(name, 0.0) for name in DERIVATIVES[:3])
-        by_angle = inverse @ (stiffness * X - damping * slope + inertia * bend)[:, rows]
-        squares = np.zeros(len(X))
-        for part in (turn.real[rows], turn.imag[rows]):
-            of_steps = [np.bincount(reading[rows], part * row) for row in by_angle]
-            squares += np.sum(np.square(of_steps), axis=1)
+        bent = stiffness * fitted - damping * slope[:, rows] + inertia * bend[:, rows]
+        # a row of the record is in one step
+        is_in_step = scipy.sparse.csc_array((turn[rows], reading[rows], np.arange(len(rows) + 1)))
+        of_steps = is_in_step @ (inverse @ bent).T
+        squares = np.sum(np.abs(of_steps) ** 2, axis=0)
         errors = repeated * step / UNIFORM_WIDTH * np.sqrt(squares)
         found[label] = fit.with_known_error("encoder", errors)
     return found
@@ -414,8 +415,8 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     few = record.coarse
     groups = sums.groups
     low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
-    signals = np.array([*sums.columns.values(), few.filtered_torque, few.torque])
-    signals = fast_signals(few, sums.names, signals)
+    recorded = np.array([*sums.columns.values(), few.filtered_torque, few.torque])
+    signals = fast_signals(few, sums.names, recorded)
     slow = scipy.signal.sosfiltfilt(sections_of(low_pass, few.rate_hz), signals)
     noise_hz, power = record.angle_noise
     gain_below = low_pass.gain(noise_hz)

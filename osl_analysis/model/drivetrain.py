@@ -386,10 +386,8 @@ def linear_torque(
     # it rests between the two: transforms of other lengths take up to a hundred times as long
     rows = 2 * scipy.fft.next_fast_len(n, real=True)
     at_rest = np.full(rows - 2 * n, theta[-1])
-    spectrum = scipy.fft.rfft(np.concatenate([theta, at_rest, theta[::-1]]))
     frequency_hz = scipy.fft.rfftfreq(rows, 1 / rate_hz)
-    counts = (frequency_hz > 0) & (frequency_hz < highest_hz)
-    of_motion = spectrum[counts] * stiffness(2j * np.pi * frequency_hz[counts])
-    torque = np.zeros((*of_motion.shape[:-1], len(spectrum)), complex)
-    torque[..., counts] = of_motion
-    return scipy.fft.irfft(torque, rows)[..., :n]
+    counts = frequency_hz < highest_hz
+    spectrum = scipy.fft.rfft(np.concatenate([theta, at_rest, theta[::-1]]))[counts]
+    spectrum[0] = 0.0
+    return scipy.fft.irfft(spectrum * stiffness(2j * np.pi * frequency_hz[counts]), rows)[..., :n]

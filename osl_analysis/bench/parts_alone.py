@@ -22,6 +22,7 @@ from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.bench.regression import (
+    SLOW,
     TRANSMISSION,
     Model,
     Sums,
@@ -41,11 +42,7 @@ LOSSES = ("B_j", "J_j")  # of a transmission; its table has no K
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping,
 inertia."""
-ACTUATOR_ALONE: Model = {
-    **{name: name for name in ACTUATOR_PARAMETERS},
-    "offset": "one",
-    "drift": "ramp",
-}
+ACTUATOR_ALONE: Model = {**{name: name for name in ACTUATOR_PARAMETERS}, **SLOW}
 """torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)"""
 SLOWEST = 0.5  # rad/s; slower samples are not fitted: friction may be below its limit there
 FEWEST_MOVING_S = 1.0  # s; shortest total duration of the fitted samples

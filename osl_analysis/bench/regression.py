@@ -94,10 +94,11 @@ def left_out(A: Array, b: Array, A_g: Array, b_g: Array) -> tuple[Array, Array]:
 
 
 Model = Mapping[str, str]  # estimate -> column of `sums_of`
+SLOW: Model = {"offset": "one", "drift": "ramp"}  # of a load cell
 # Eq. 15
-IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}
+IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", **SLOW}
 # Eq. 4 without a belt
-TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}
+TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", **SLOW}
 # of the velocity [rad/s], over which Coulomb friction changes its sign: ten times the noise of 14
 # bits, and a tenth of it, since no recording shows the width
 SIGN_WIDTH = 1e-2
@@ -254,23 +255,13 @@ def running_mean(signals: Array, period: float) -> Array:
     the rows."""
     n = signals.shape[1]
     length = min(period, n)
+    first = np.clip(np.arange(n) + (1 - length) / 2, 0, n - length)
     sums = np.pad(np.cumsum(signals, axis=1), ((0, 0), (1, 0)))
-
-    def up_to(edge: float, number: int = 1) -> Array:
-        """Sums of the rows before an edge, and before those that follow it, a row apart."""
-        row = min(int(edge), n - 1)
-        rows = slice(row, row + number)
-        return sums[:, rows] + (edge - row) * signals[:, rows]
-
-    # the first row about which the whole period lies within the rows, and how many such rows follow
-    begin = (1 - length) / 2
-    row = int(np.ceil(-begin))
-    number = int(np.ceil(n - length - begin - row))
-    means = np.empty_like(signals)
-    means[:, :row] = up_to(length) - up_to(0.0)
-    means[:, row : row + number] = up_to(begin + row + length, number) - up_to(begin + row, number)
-    means[:, row + number :] = up_to(n) - up_to(n - length)
-    return means / length
+    up_to = []
+    for edges in (first, first + length):
+        row = np.minimum(edges.astype(np.intp), n - 1)
+        up_to.append(np.take(sums, row, axis=1) + (edges - row) * np.take(signals, row, axis=1))
+    return (up_to[1] - up_to[0]) / length
 
 
 def high_pass_gain(frequency: Array, slow: float) -> Array:

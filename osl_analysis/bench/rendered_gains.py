@@ -23,7 +23,7 @@ gains.
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from osl_analysis.bench.impedance import Analysis, bench_torques, parts_of, with
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     EFFECTS_LIMIT,
+    SLOW,
     Model,
     Sums,
     fit_groups,
@@ -54,7 +55,6 @@ from osl_analysis.model.drivetrain import (
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import LinearFit, variance_accounted_for
 
-SLOW = {"offset": "one", "drift": "ramp"}
 FRICTION = {"T_C": "T_C", "T_m": "T_m"}  # of the joint, and of the actuator behind the belt
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
 STEP_ROUNDING = 1e-3  # of the gains' standard errors: after a smaller step they have converged
@@ -186,37 +186,31 @@ class Leg:
         held = held_actuator(s, self.K_1, self.B_1, self.p, self.delay)
         return self.p.K_s / self.p.n_T / held
 
-    def torque_for(self, stiffness: Stiffness, angle: Array) -> Array:
-        """Torque (n,) [N*m] of a dynamic stiffness for an angle (n,) [rad]; (k, n) of several."""
-        highest_hz = MOTION_CUTOFFS * self.record.settings.cutoff_hz
-        return linear_torque(stiffness, angle, self.record.rate_hz, highest_hz)
-
-    def torques(self, *legs: "Leg") -> Array:
-        """What the controllers of some legs render for the record's motion, (k, n) [N*m]."""
-        return self.torque_for(
-            lambda s: np.array([leg.stiffness(s) for leg in legs]), self.record.motion.theta
+    def torques_for(self, angle: Array, *stiffnesses: Stiffness) -> Array:
+        """Torques (k, n) [N*m] of dynamic stiffnesses for an angle (n,) [rad]."""
+        return linear_torque(
+            lambda s: np.array([stiffness(s) for stiffness in stiffnesses]),
+            angle,
+            self.record.rate_hz,
+            MOTION_CUTOFFS * self.record.settings.cutoff_hz,
         )
 
     @cached_property
-    def rendered(self) -> Array:
-        """What the controller renders, and what it would with each parameter stepped, (k, n)
-        [N*m]."""
-        return self.torques(self, *(self.stepped(name) for name in self.fitted))
-
-    @property
     def torque(self) -> Array:
         """What the controller renders for the record's motion, (n,) [N*m]."""
-        return self.rendered[0]
+        return self.torques_for(self.record.motion.theta, self.stiffness)[0]
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
         """The slopes (n,) of the torque in the gains and the delay, with offset and drift, and what
         1 N*m of friction of the joint, and of the actuator, makes of it."""
         record = self.record
-        of_fitted = (self.rendered[1:] - self.torque) / SLOPE_ROUNDING
-        slopes = dict(zip(self.fitted, of_fitted, strict=True))
-        omega_m = self.torque_for(lambda s: s * self.turned(s), record.motion.theta)
-        slopes["T_m"] = self.torque_for(self.turned, friction_column(omega_m, record))
+        stepped = [self.stepped(name).stiffness for name in self.fitted]
+        omega_m, *torques = self.torques_for(
+            record.motion.theta, lambda s: s * self.turned(s), *stepped
+        )
+        slopes = dict(zip(self.fitted, (torques - self.torque) / SLOPE_ROUNDING, strict=True))
+        (slopes["T_m"],) = self.torques_for(friction_column(omega_m, record), self.turned)
         return {**slopes, **self.still}
 
     @cached_property
@@ -265,7 +259,9 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     rows = record.is_fitted()
     X = np.column_stack([leg.slopes[column] for column in leg.model.values()])[rows]
 
-    passed = partial(leg.torque_for, leg.stiffness)
+    def passed(angle: Array) -> Array:
+        return leg.torques_for(angle, leg.stiffness)[0]
+
     torques = bench_torques(record, leg.torque, leg.torque, passed, rows)
     rendered = with_torque_errors(step, X, torques).derived(leg.impedance_slopes())
 
@@ -311,15 +307,12 @@ def contributions_of_components(
     before = leg.impedance()
     found: dict[str, list[Contribution]] = {name: [] for name in before}
     most: dict[str, tuple[float, str]] = dict.fromkeys(before, (0.0, ""))  # by a percent of one
-    others = []
+    by_torque = np.linalg.pinv(X)  # change of the estimates (p, m)
     for component in COMPONENT_SYMBOLS:
-        larger = getattr(leg.p, component) * (1 + SHARE_ROUNDING)
-        others.append(replace(leg, p=replace(leg.p, **{component: larger})))
-    changes = (leg.torque - leg.torques(*others))[:, rows]
-    estimates = np.linalg.lstsq(X, changes.T)[0].T
-    for component, other, moved in zip(COMPONENT_SYMBOLS, others, estimates, strict=True):
         value = getattr(leg.p, component)
-        after = other.moved_by(dict(zip(leg.model, moved, strict=True))).impedance()
+        other = replace(leg, p=replace(leg.p, **{component: value * (1 + SHARE_ROUNDING)}))
+        changes = by_torque @ (leg.torque - other.torque)[rows]
+        after = other.moved_by(dict(zip(leg.model, changes, strict=True))).impedance()
         for name in before:
             by_all = abs(after[name] - before[name]) / SHARE_ROUNDING
             if component not in uncertainties:

@@ -384,7 +384,7 @@ def linear_torque(
     """
     n = len(theta)
     # it rests between the two: transforms of other lengths take up to a hundred times as long
-    rows = 2 * scipy.fft.next_fast_len(n, real=True)
+    rows = 2 * scipy.fft.next_fast_len(n)
     at_rest = np.full(rows - 2 * n, theta[-1])
     frequency_hz = scipy.fft.rfftfreq(rows, 1 / rate_hz)
     counts = frequency_hz < highest_hz

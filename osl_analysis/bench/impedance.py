@@ -417,13 +417,12 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
     recorded = np.array([*sums.columns.values(), few.filtered_torque, few.torque])
     signals = fast_signals(few, sums.names, recorded)
+    is_slow = np.isin(sums.names, ["one", "ramp"])
     slow = scipy.signal.sosfiltfilt(sections_of(low_pass, few.rate_hz), signals)
     noise_hz, power = record.angle_noise
     gain_below = low_pass.gain(noise_hz)
     for part, gain in ((slow, gain_below), (signals - slow, 1 - gain_below)):
-        for name in ("one", "ramp"):  # of each part the torque has its own offset and drift
-            place = sums.names.index(name)
-            part[place] = signals[place]
+        part[is_slow] = signals[is_slow]  # of each part the torque has its own offset and drift
         products = products_between(part.T, part.T, groups.first, groups.stop)
         noise = noise_moments(sums.names, few, np.array([noise_hz, power * gain**2]))
         products -= (groups.stop - groups.first)[:, None, None] * noise

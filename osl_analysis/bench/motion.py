@@ -94,25 +94,25 @@ def record_of_trial(
         moving = moving_bins(theta, rate_hz, noise)
         if not moving.any():
             raise standstill(theta, rate_hz)
-        stated_windows = windows or getattr(settings, "windows", None)
-        if excitation == "any":
-            return record_of_motion(regular, moving, settings, stated_windows)
         protocol = SteppedSineProtocol(
             np.deg2rad(settings.amplitudes_deg or ()).tolist(),
             settings.frequencies_hz or (),
             settings.cycles,
         )
-        sines, is_stepped = find_sines(theta, rate_hz, noise, moving, protocol)
-        if not is_stepped and excitation == "auto":
-            return record_of_motion(regular, moving, settings, stated_windows)
-        segments = find_segments(theta, rate_hz, sines, protocol)
-        groups = cycles_of(
-            segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
-        )
-        if not groups.repeat().any() and excitation == "auto":
-            return record_of_motion(regular, moving, settings, stated_windows, may_repeat=False)
-        hz = [stratum.frequency_hz for stratum in groups.strata]
-        return replace(record_of(regular, settings, groups), band_hz=(min(hz), max(hz)))
+        is_stepped = False
+        if excitation != "any":
+            sines, is_stepped = find_sines(theta, rate_hz, noise, moving, protocol)
+        if is_stepped or excitation == "stepped_sine":
+            segments = find_segments(theta, rate_hz, sines, protocol)
+            groups = cycles_of(
+                segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
+            )
+            if groups.repeat().any() or excitation == "stepped_sine":
+                hz = [stratum.frequency_hz for stratum in groups.strata]
+                return replace(record_of(regular, settings, groups), band_hz=(min(hz), max(hz)))
+        # a sine of one settled cycle each does not repeat itself
+        stated_windows = windows or getattr(settings, "windows", None)
+        return record_of_motion(regular, moving, settings, stated_windows, not is_stepped)
 
     with naming(f"trial {trial.name}"):
         record = recorded(signals)

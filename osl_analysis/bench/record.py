@@ -181,7 +181,9 @@ class Record:
             return np.array([hz, np.full_like(hz, density * hz[0])])
 
         shares = (np.arange(SPECTRUM_POINTS) + 0.5) / SPECTRUM_POINTS
-        rates = np.quantile(np.abs(self.motion.omega[rows]), shares) / step
+        # what rises and falls is sorted by its runs in half the time of a quantile
+        speeds = np.sort(np.abs(self.motion.omega[rows]), kind="stable")
+        rates = np.quantile(speeds, shares) / step
         harmonics = np.arange(1, HARMONICS + 1)[:, None]
         of_steps = step**2 / (2 * np.pi**2 * harmonics**2) / SPECTRUM_POINTS
         lines_hz = np.maximum(harmonics * rates, hz[0])

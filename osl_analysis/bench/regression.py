@@ -247,7 +247,7 @@ def without_slower(signals: Array, slow: float) -> Array:
     lines = scipy.fft.dct(signals, norm="ortho")
     frequency = np.arange(lines.shape[1]) / (2 * lines.shape[1])
     frequency[0] = frequency[1] / 4  # a constant is told, too
-    return np.asarray(scipy.fft.idct(high_pass_gain(frequency, slow) * lines, norm="ortho"))
+    return scipy.fft.idct(high_pass_gain(frequency, slow) * lines, norm="ortho")
 
 
 def running_mean(signals: Array, period: float) -> Array:

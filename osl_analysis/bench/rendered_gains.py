@@ -55,7 +55,6 @@ from osl_analysis.model.drivetrain import (
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import LinearFit, variance_accounted_for
 
-FRICTION = {"T_C": "T_C", "T_m": "T_m"}  # of the joint, and of the actuator behind the belt
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
 STEP_ROUNDING = 1e-3  # of the gains' standard errors: after a smaller step they have converged
 MOTION_CUTOFFS = 3.0  # of the low-pass, beyond which nothing of the motion is left
@@ -150,8 +149,9 @@ class Leg:
 
     @property
     def model(self) -> Model:
-        """The columns that are fitted."""
-        return {**self.linear_model, **FRICTION}
+        """The columns that are fitted: friction of the joint beside them, and of the actuator
+        behind the belt."""
+        return {**self.linear_model, "T_C": "T_C", "T_m": "T_m"}
 
     @property
     def c(self) -> float:
@@ -259,10 +259,13 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     rows = record.is_fitted()
     X = np.column_stack([leg.slopes[column] for column in leg.model.values()])[rows]
 
-    def passed(angle: Array) -> Array:
-        return leg.torques_for(angle, leg.stiffness)[0]
-
-    torques = bench_torques(record, leg.torque, leg.torque, passed, rows)
+    torques = bench_torques(
+        record,
+        leg.torque,
+        leg.torque,
+        lambda angle: leg.torques_for(angle, leg.stiffness)[0],
+        rows,
+    )
     rendered = with_torque_errors(step, X, torques).derived(leg.impedance_slopes())
 
     linear = fit_groups(leg.sums, leg.linear_model)

@@ -287,16 +287,16 @@ MOST_NOISE = 1.6
 
 
 def largest_shifts(
-    data: Whitened, best: Predicted, plain_left: float, impedance: Array, rounding: Array
+    search: Search, best: Predicted, plain_left: float, impedance: Array, rounding: Array
 ) -> Array:
     """The largest changes of K, B and I (3,) [SI] by torque that no candidate model explains.
 
     Parameters
     ----------
-    data : Whitened
-        The recording.
+    search : Search
+        The recording, with friction or without, as the most probable one has it.
     best : Predicted
-        The most probable one.
+        This one.
     plain_left : float
         Sum of squares that Eq. 15 alone leaves.
     impedance : Array (3,)
@@ -304,6 +304,7 @@ def largest_shifts(
     rounding : Array (draws, m)
         Torques that rounding alone makes.
     """
+    data = search.data
     columns = all_columns(data, best.candidate, best.has_friction)
     torque = best.candidate.torque
     squares = (torque - solve_scaled(columns, torque) @ columns) ** 2
@@ -322,7 +323,7 @@ def largest_shifts(
     unexplained = max(squares.sum() - of_sensors - of_friction, 0.0)
 
     # squares of what the other two leave of a column are 1 over the diagonal of the inverse
-    own = Search(data, best.has_friction).rest(data.motion)
+    own = search.rest(data.motion)
     return np.sqrt(unexplained * np.diag(np.linalg.inv(own @ own.T)))
 
 
@@ -406,7 +407,9 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
         without_friction=dict(zip("KBI", best_sound.impedances[0].tolist(), strict=True)),
         friction_probability=sum(weight for fit, weight in weighed if fit.has_friction),
         alternatives=tuple(sorted(alternatives, key=lambda each: -each.probability)),
-        unexplained=largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding),
+        unexplained=largest_shifts(
+            searches[best.has_friction], best, fits[0].left, best_sound.impedance, rounding
+        ),
     )
 
 

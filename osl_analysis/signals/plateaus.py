@@ -97,12 +97,9 @@ def is_clamped(
         return False
     if motion is None:
         return True
-    rows = [motion[level] for level in plateaus]
+    speeds = [motion[level].mean() for level in plateaus]
     if is_angle:
-        at = [time[level] for level in plateaus]
-        speeds = [np.polyfit(t, angle, 1)[0] for t, angle in zip(at, rows, strict=True)]
-    else:
-        speeds = [velocity.mean() for velocity in rows]
+        speeds = [np.polyfit(time[level], motion[level], 1)[0] for level in plateaus]
     return bool(np.median(np.abs(speeds)) < slowest)
 
 

@@ -67,7 +67,7 @@ def count_of_device(stamps: Array, counter: SampleCount, name: str) -> SampleCou
             f" {stamps[row + 1]:.6f} s",
             "it must rise: cut the log there, or do not map the counter",
         )
-    return np.asarray(counter - counter[0], dtype=np.int64)
+    return counter - counter[0]
 
 
 def count_from_stamps(stamps: Array) -> SampleCount:

@@ -52,7 +52,7 @@ class SensorLowPass:
         sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
         steady_state = scipy.signal.sosfilt_zi(sections) * values[0]
         filtered, _ = scipy.signal.sosfilt(sections, values, zi=steady_state)
-        return np.asarray(filtered)
+        return filtered
 
 
 @dataclass(frozen=True)

@@ -93,8 +93,9 @@ def evidence_of(signal: Array, clock: DeviceClock, fast_part: Array) -> StampEvi
 
     # first rows (k,) of the blocks in which, and in what the lags reach, no sample is missing
     begins = np.arange(MOST_BEFORE, len(values) - MOST_BEHIND - ROWS, ROWS)
-    places = count[begins + ROWS - 1 + MOST_BEHIND] - count[begins - MOST_BEFORE]
-    begins = begins[places == MOST_BEFORE + ROWS - 1 + MOST_BEHIND]
+    last = ROWS - 1 + MOST_BEHIND
+    places = count[begins + last] - count[begins - MOST_BEFORE]
+    begins = begins[places == MOST_BEFORE + last]
     if len(begins) < 3 * CHUNKS:
         return None
     polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, ROWS), MOTION_DEGREE + 1))[0]
@@ -152,7 +153,7 @@ def smoothed(values: Array, window: int, derivative: int = 0) -> Array:
     """Values (n,), or their slope per row, of polynomials through as many neighbours as an
     odd window has."""
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
-    return np.asarray(scipy.signal.savgol_filter(values, window, MOTION_DEGREE, derivative))
+    return scipy.signal.savgol_filter(values, window, MOTION_DEGREE, derivative)
 
 
 # scatter, in steps, below which all hypotheses give the same samples: taken as even

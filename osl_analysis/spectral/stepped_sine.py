@@ -383,7 +383,7 @@ def meant_amplitudes(
     for run in sorted(runs, key=lambda run: -run.amplitude):
         if followed(run.amplitude, sizes, LOST_AMPLITUDE):
             continue
-        decades = np.abs(np.log10(run.amplitude / np.asarray(commanded)))
+        decades = np.abs(np.log10(np.divide(run.amplitude, commanded)))
         if commanded and decades.min() > OTHER_UNIT:
             commanded_deg = ", ".join(f"{size:.3g}" for size in np.rad2deg(commanded))
             raise InputError(

@@ -164,11 +164,11 @@ def test_slipping_spring_follows_prandtl_step_by_step():
 
 def test_rounding_is_no_unexplained_torque_even_where_the_motion_takes_it_up():
     data = whitened(white() * (1 + 3 * (np.abs(random_motion()[1]) > 0.6)))
-    rounding = 200 * data.motion / np.linalg.norm(data.motion, axis=1)[:, None]
+    rounding = 200 * data.motion / np.linalg.norm(data.motion, axis=1, keepdims=True)
 
     def shifts(rounding):
         best = predicted(data, rounding)
-        return largest_shifts(data, best, best.left, TRUE, rounding)
+        return largest_shifts(Search(data, False), best, best.left, TRUE, rounding)
 
     assert np.all(shifts(0 * rounding) > 0)
     assert np.all(shifts(rounding) == 0)

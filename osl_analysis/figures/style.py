@@ -336,7 +336,7 @@ def swarm_offsets(heights: Array, span: float, columns: float) -> Array:
 
 
 def label_log_axis(axis: Axis, text: Callable[[float], str] = "{:.4g}".format) -> None:
-    """Give a logarithmic axis ticks at 1, 2, 3 and 5 of each decade, and of a short one even ones."""
+    """Give a logarithmic axis ticks at 1, 2, 3 and 5 of each decade, of a short one even ones."""
     axis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
     axis.set_minor_locator(NullLocator())

@@ -142,6 +142,7 @@ def test_a_file_without_fields_or_that_cannot_be_read_is_one_line(tmp_path, monk
     ("dynamometer.time_base.longest_gap_s", 500, "longest_gap_s: 500 .*10$"),
     ("torque_angle.desired",
      {"a": {"angle_deg": [0, 1e4], "torque": [0, 1]}}, "angle_deg.1:.*180$"),
+    ("torque_angle.desired", {"a": {"torque": [0, 1]}}, r"a\.angle_deg: is missing; add it"),
     # of two settings
     ("torque_angle.cutoff_hz", 0.5, "cutoff_hz = 0.5.*shortest_cycle_s = 2"),
     ("data", "measured", "data: data = mea"),

@@ -204,8 +204,14 @@ def solved(
     Raises
     ------
     IdentifiabilityError
-        The condition number is above the limit, or a column with a name is 0.
+        The condition number is above the limit, or a column with a name is 0, or noise alone.
     """
+    # below 0 where the noise of the angle, which is taken off, is more than its derivative
+    if names and np.diag(A).min() <= 0:
+        raise IdentifiabilityError(
+            f"'{names[int(np.argmin(np.diag(A)))]}' cannot be estimated: its column is zero"
+            " throughout, or no more than noise"
+        )
     tiny = np.finfo(float).tiny
     sizes = np.sqrt(np.maximum(np.diag(A), tiny))
     values, vectors = np.linalg.eigh(A / np.outer(sizes, sizes))
@@ -219,11 +225,6 @@ def solved(
     if not names:
         return estimates, inverse
 
-    if not np.diag(A).all():
-        raise IdentifiabilityError(
-            f"'{names[int(np.argmin(np.diag(A)))]}' cannot be estimated: its column is zero"
-            " throughout"
-        )
     squares = values
     if len(varies) > 1 and is_known[0]:
         of_varying = np.linalg.inv(inverse[np.ix_(varies, varies)])

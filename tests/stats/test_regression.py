@@ -74,6 +74,11 @@ def test_columns_that_determine_nothing_are_named(y, columns, message):
         regression.linear_fit(y, columns)
 
 
+def test_a_derivative_that_is_noise_alone_is_refused():
+    with pytest.raises(IdentifiabilityError, match=r"'snap'.*noise"):
+        regression.solved(np.diag([1.0, -1e-9]), np.ones(2), ("K", "snap"))
+
+
 CYCLE = 50
 COUNT = 24
 

@@ -5,7 +5,7 @@ another motion, and what nobody has checked would change.
 The sources have their words in `judge/findings.yaml`.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from osl_analysis.bench.record import Record
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.inference import ImpedanceInference
 from osl_analysis.stats.budget import (
+    DOUBT,
     LIKELY,
     QUANTITIES,
     WITHOUT_FRICTION,
@@ -25,6 +26,7 @@ from osl_analysis.stats.budget import (
     Contribution,
     Row,
     budget_rows,
+    own_size,
     unknown,
 )
 from osl_analysis.stats.linear_fit import FALSE_ALARM
@@ -33,6 +35,7 @@ from osl_analysis.stats.rounding import significant
 VISCOELASTIC = "viscoelastic branch"
 # candidate models that are properties of a joint, and no faults
 PROPERTIES = ("nonlinear spring", "K by side", "damping by speed", VISCOELASTIC)
+SPRING = "spring in series"  # of a bench that yields, or of a series elastic joint: none can tell
 ERROR_SOURCES = {
     "path": "torque_path",
     "time": "change_over_time",
@@ -65,6 +68,11 @@ def fit_tables(name: str, *fits: tuple[Row, Mapping[str, Budget]]) -> dict[str, 
     return {name: table_of(rows, name), "budget": table_of(of_budgets, "budget")}
 
 
+def half_width_of(name: str) -> pl.Expr:
+    """Half of the interval of an estimate in a table, or of its range, as `B_range`."""
+    return (pl.col(f"{name}_high") - pl.col(f"{name}_low")) / 2
+
+
 def stated_models(record: Record) -> set[str]:
     """The candidate models that what is stated of the bench rules out. A known spring shows the
     delay, the low-pass and the frame at once."""
@@ -73,31 +81,42 @@ def stated_models(record: Record) -> set[str]:
     if any(each["delay_s"] for each in record.streams):
         stated.add("delay")
     if settings.bench_stiffness is not None:
-        stated.add("spring in series")
+        stated.add(SPRING)
     if settings.calibration.tells_delay:
-        stated.update(("delay", "low-pass", "spring in series"))
+        stated.update(("delay", "low-pass", SPRING))
     taken = record.signals.taken if record.signals else ()
     if any("low_pass" in facts for part in taken for facts in part.stream.stated.values()):
         stated.add("low-pass")
     return stated
 
 
-def alternatives(joint: ImpedanceInference, stated: Collection[str], k: int) -> list[Contribution]:
+def alternatives(
+    joint: ImpedanceInference | None, stated: Collection[str], k: int, value: float
+) -> list[Contribution]:
     """What the candidate models of Eq. 15 would make of K, B or I (k = 0, 1, 2), each with its
     probability, and what torque that none of them explains could, whose bound is a rectangular
-    distribution's half-width (JCGM 100:2008, 4.3.7)."""
+    distribution's half-width (JCGM 100:2008, 4.3.7). None without candidate models.
+
+    No change is more than the estimate itself, of this `value`: the recording does not bound it.
+    A spring in series cannot be told from a joint that is series elastic, of which Eq. 15 is right,
+    so that its size is not known."""
+    if joint is None:
+        return []
+    most = own_size(QUANTITIES[k], value)
     found: list[Contribution] = []
     of_property: list[Contribution] = []
     for each in joint.alternatives:
         # one as improbable as a false alarm makes no doubt, and has no row
-        if each.name in stated or each.probability < FALSE_ALARM:
+        least = DOUBT if each.name == SPRING else FALSE_ALARM
+        if each.name in stated or each.probability < least:
             continue
         is_property = each.name in PROPERTIES
+        size = min(float(each.change[k]), most) / (2 if is_property else 1)  # half of a range
         rows = of_property if is_property else found
         rows.append(
             Contribution(
                 source="viscoelastic" if each.name == VISCOELASTIC else ERROR_SOURCES[each.family],
-                standard=float(each.change[k] / (2 if is_property else 1)),  # half of a range
+                standard=None if each.name == SPRING else size,
                 basis="weighed",
                 part="motion" if is_property else "fault",
                 probability=each.probability,
@@ -106,7 +125,7 @@ def alternatives(joint: ImpedanceInference, stated: Collection[str], k: int) -> 
         )
     if sum(each.probability for each in of_property) > LIKELY:
         found.append(of_property[0])
-    bound = float(joint.unexplained[k] / np.sqrt(3))
+    bound = min(float(joint.unexplained[k] / np.sqrt(3)), most)
     found.append(Contribution("unexplained_torque", bound, basis="bound", part="fault"))
     return found
 
@@ -140,6 +159,7 @@ def over_motion(found: WhatElse, name: str) -> list[Contribution]:
     if name not in found.ranges:
         return []
     low, high = found.ranges[name]
+    half = (high - low) / 2
     source = "amplitude"
     fits = found.analysis.fits
     labels = sorted(label for label in fits if isinstance(label, float))
@@ -147,13 +167,13 @@ def over_motion(found: WhatElse, name: str) -> list[Contribution]:
         small, large = fits[labels[0]], fits[labels[-1]]
         change = large[name] - small[name]
         noise = np.hypot(small.half_width(name), large.half_width(name))
-        if abs(change) > max(noise, (high - low) / 2):
+        if abs(change) > max(noise, half):
             if change < 0 and name != "I":
                 source = "friction"
             elif name == "K":
                 source = "nonlinear_spring"
     detail = "over amplitudes and frequencies"
-    return [Contribution(source, (high - low) / 2, basis="measured", part="motion", detail=detail)]
+    return [Contribution(source, half, basis="measured", part="motion", detail=detail)]
 
 
 def certain_lag(found: WhatElse, name: str) -> list[Contribution]:
@@ -173,14 +193,16 @@ def certain_lag(found: WhatElse, name: str) -> list[Contribution]:
     return [Contribution("late_torque", abs(by), basis="measured", part="fault", detail=detail)]
 
 
-def unchecked(found: WhatElse, name: str) -> list[Contribution]:
-    """What this recording does not tell, by source."""
+def unchecked(found: WhatElse, name: str, weighed: Sequence[Contribution]) -> list[Contribution]:
+    """What this recording does not tell of an estimate, by source, beside what its candidate models
+    have been `weighed` to."""
     record = found.analysis.record
     settings = record.settings
     K, B, I = (found.analysis.whole[each] for each in QUANTITIES)
     rows = []
-    alternatives = found.joint.alternatives if found.joint else ()
-    of_path = sum(each.probability for each in alternatives if each.family == "path")
+    of_path = sum(
+        each.probability for each in weighed if each.source == "torque_path" and each.size
+    )
     lag = found.belt.lag
     # a belt that tells the lag so badly that it may be a tenth of B
     is_untold = lag is None or K * lag.half_width("lag_s") > LARGE_DELAY * abs(B)
@@ -212,10 +234,13 @@ def with_other_contributions(found: WhatElse, own: Mapping[str, Budget]) -> dict
     if less and "T_C" in less.names:
         complete["f_C"] = less.budget("T_C")
     for k, name in enumerate(QUANTITIES):
-        common = [*other_stamps(found.analysis, name), *certain_lag(found, name)]
-        if found.joint:
-            common += alternatives(found.joint, stated, k)
-        common += unchecked(found, name)
+        weighed = alternatives(found.joint, stated, k, own[name].value)
+        common = [
+            *other_stamps(found.analysis, name),
+            *certain_lag(found, name),
+            *weighed,
+            *unchecked(found, name, weighed),
+        ]
         complete[name] = own[name].plus(*over_motion(found, name), *common)
         if less:
             without = WITHOUT_FRICTION[name]

@@ -177,7 +177,6 @@ def known_row(
             f" {high:.3g}) is certainly negative, as where the torque is late by what changes",
             "see that nothing slips or filters it, and record angle and torque by one device",
         )
-    certain_lag_s = fit.beyond_interval("lag_s")
     middle_s = record.time[record.is_fitted()].mean()
     lag_at_start_s = fit["lag_s"] - counted["clock_drift"] * middle_s
     delay = error_to_state(fit, "lag_s")
@@ -199,7 +198,7 @@ def known_row(
         "known_I": known.inertia,
         "lag_at_start_s": lag_at_start_s,
         "certain_clock_drift_ppm": fit.beyond_interval("clock_drift_ppm"),
-        "certain_lag_s": certain_lag_s,
+        "certain_lag_s": fit.beyond_interval("lag_s"),
         "certain_gain_error": fit.beyond_interval("gain", 1.0),
         "to_state": to_state,
     }

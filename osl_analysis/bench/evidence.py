@@ -8,7 +8,12 @@ from functools import partial
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.budgets import WhatElse, fit_tables, with_other_contributions
+from osl_analysis.bench.budgets import (
+    WhatElse,
+    fit_tables,
+    half_width_of,
+    with_other_contributions,
+)
 from osl_analysis.bench.friction import (
     DryFriction,
     actuator_of_leg,
@@ -194,18 +199,17 @@ def check_joint(analysis: Analysis, desired: DesiredImpedance) -> None:
     trial = analysis.record.name
     check_stiffer(trial, "K", whole["K"], analysis.record.settings.bench_stiffness)
     has_losses = whole.interval("B")[0] >= 0 or whole.interval("I")[0] > 0
-    if whole["K"] < 0 and (desired.K_d or not has_losses):
-        # with the right sign K may be negative, as of a weight above the axis, if none is stated;
-        # B or I is then certainly positive
+    # with the right sign K may be negative, as of a weight above the axis, if none is stated; B or
+    # I is then certainly positive
+    if desired.K_d or not has_losses:
         check_resists(trial, "K", whole["K"], whole.interval("K")[1])
 
 
 def damping_gap() -> pl.Expr:
     """How much B is below the predicted one, beyond its half-width and half-range, over K [s]."""
     apart = pl.col("B_predicted") - pl.col("B")
-    half_width = (pl.col("B_high") - pl.col("B_low")) / 2
-    half_range = ((pl.col("B_range_high") - pl.col("B_range_low")) / 2).max().fill_null(0.0)
-    certain = (apart.abs() - (half_width**2 + half_range**2).sqrt()).clip(0)
+    half_range = half_width_of("B_range").max().fill_null(0.0)
+    certain = (apart.abs() - (half_width_of("B") ** 2 + half_range**2).sqrt()).clip(0)
     return apart.sign() * certain / pl.col("K").abs()
 
 

@@ -228,8 +228,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
             theta_m_error = 0.0
         lag = fit.derived({"lag_s": (lag_s, of_lag)})
         # the covariance holds the belt's error, too, which is no scatter
-        of_scatter = np.maximum(lag.covariance - BELT_ERROR**2, 0.0)
-        lag = replace(lag, covariance=of_scatter)
+        lag = replace(lag, covariance=np.maximum(lag.covariance - BELT_ERROR**2, 0.0))
         lag = lag.with_known_error("belt_error", np.array([BELT_ERROR]))
         lag = lag.with_known_error("theta_m_delay", np.array([theta_m_error]))
         belt = replace(belt, lag=lag)

@@ -264,8 +264,8 @@ def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> d
         complete[name] = budgets[name].plus(
             Contribution(source, half, basis="measured", part="motion"),
             *other_stamps(analysis, name),
-            *(alternatives(joint, stated, k) if joint else ()),
-            *(each for each in [of_delay.get(name)] if each and "delay" not in stated),
+            *alternatives(joint, stated, k, budgets[name].value),
+            *([of_delay[name]] if name in of_delay and "delay" not in stated else []),
         )
     return complete
 

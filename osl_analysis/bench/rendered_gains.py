@@ -291,15 +291,15 @@ def ranges_of_friction(leg: Leg, linear: Leg) -> dict[str, Contribution]:
     for part in parts_of(leg.residual, leg.sums):
         with suppress(IdentifiabilityError):
             legs.append(leg.moved_by(fit_groups(part, leg.model, EFFECTS_LIMIT)))
-    found = {}
-    for name in leg.impedance():
-        found[name] = Contribution(
+    return {
+        name: Contribution(
             "friction",
             np.ptp([each.impedance()[name] for each in legs]) / 2,
             basis="measured",
             detail="range over amplitudes, frequencies and friction",
         )
-    return found
+        for name in leg.impedance()
+    }
 
 
 def contributions_of_components(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import polars as pl
 
+from osl_analysis.bench.budgets import half_width_of
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS, LOSSES
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.model.compensator import CONTROLLERS
@@ -21,11 +22,6 @@ SUMMARISED = {
 }
 """Columns of each part's table for which a summary has mean, scatter and interval over the
 trials."""
-
-
-def half_width_of(name: str) -> pl.Expr:
-    """Half of the 95 % interval of an estimate."""
-    return (pl.col(f"{name}_high") - pl.col(f"{name}_low")) / 2
 
 
 K_PERCENT = 100 / pl.col("K_d")
@@ -87,8 +83,7 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
     pooled = summary_row(lags, "lag_s", is_weighted=True)
     delay_s, low_s, high_s = pooled["mean"], pooled["low"], pooled["high"]
     to_state = None
-    half_widths = (pl.col("lag_s_high") - pl.col("lag_s_low")) / 2
-    is_apart = (pl.col("lag_s") - delay_s).abs() > MOST_APART * half_widths
+    is_apart = (pl.col("lag_s") - delay_s).abs() > MOST_APART * half_width_of("lag_s")
     if low_s * high_s > 0 and not lags.select(is_apart.any()).item():
         late = "torque" if delay_s > 0 else "theta"
         to_state = f"{late}: {{delay: {1e3 * abs(delay_s):.3g} ms}}"

@@ -237,10 +237,10 @@ def means_row(
     row = dict[str, Any]()
     for name, of_cycles, error in zip(ESTIMATED_OF_CYCLES, values.T, shared, strict=True):
         n = len(of_cycles)
-        own = scatter(of_cycles.std(ddof=1) / np.sqrt(n), n - 1.0) if n > 1 else None
-        if own is None:
+        if n == 1:
             row |= {name: of_cycles[0], f"{name}_low": None, f"{name}_high": None}
         else:
+            own = scatter(of_cycles.std(ddof=1) / np.sqrt(n), n - 1.0)
             shared = Contribution("bench", error, shared=True)
             row |= Budget(of_cycles.mean(), (own, shared)).columns(name)
     _, _, stored, returned, _ = means

@@ -18,7 +18,7 @@ from osl_analysis.base.trial import Array
 from osl_analysis.base.units import factors_near
 from osl_analysis.judge.finding import Beyond, Finding, Grade
 from osl_analysis.judge.known_findings import rule_of
-from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE
+from osl_analysis.stats.budget import CLEAR, WIDE, own_size
 from osl_analysis.stats.rounding import places_of, significant, to_places
 
 FitRow = Mapping[str, Any]  # of `impedance.csv`, of the fit to all of a trial
@@ -128,7 +128,7 @@ def differing_repeats(
     for rows in repeats:
         values = column_numbers(rows, symbol)
         if np.isfinite(values).all():
-            conditions.append((rows, values, float(np.hypot(np.median(values), FLOOR[symbol]))))
+            conditions.append((rows, values, own_size(symbol, float(np.median(values)))))
     usual = UNKNOWN_SCATTER * needed
     if len(conditions) >= FEWEST:
         scatters = [np.std(values, ddof=1) / size for _, values, size in conditions]

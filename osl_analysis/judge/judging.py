@@ -32,7 +32,6 @@ from osl_analysis.judge.known_findings import (
 )
 from osl_analysis.stats.budget import (
     CLEAR,
-    FLOOR,
     IN_INTERVAL,
     QUANTITIES,
     WIDE,
@@ -41,6 +40,7 @@ from osl_analysis.stats.budget import (
     Contribution,
     Verdict,
     budgets_in,
+    own_size,
 )
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
@@ -72,6 +72,8 @@ class Judged:
 
     def moved(self, by: float) -> str:
         """What a source would change, in words."""
+        if by >= own_size(self.symbol, self.own.value):
+            return f"{self.name} by an unknown size, larger than itself"
         return f"{self.name} by up to {significant(by)} {self.unit}"
 
     def width(self, name: str, budget: Budget) -> str:
@@ -156,7 +158,7 @@ def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) 
         name = WITHOUT_FRICTION[symbol] if WITHOUT_FRICTION[symbol] in budgets else own
         if name in budgets:
             budget = budgets[name]
-            needed = accuracy[symbol] * math.hypot(budget.value, FLOOR[symbol])
+            needed = accuracy[symbol] * own_size(symbol, budget.value)
             verdict = budget.verdict(needed)
             unit = units[name].unit
             found.append(Judged(symbol, own, name, unit, budget, verdict, needed, budgets[own]))

@@ -96,6 +96,11 @@ UNITS = {
 }  # fmt: skip
 
 
+def own_size(name: str, value: float) -> float:
+    """What shares of K, B or I are of, in its unit; a change beyond it has no size of its own."""
+    return math.hypot(value, FLOOR[name])
+
+
 def scatter(standard: float, freedom: float) -> Contribution:
     """What the scatter of a recording shows."""
     return Contribution("repeatability", standard, freedom, "measured", "repeatability")
@@ -126,8 +131,8 @@ class Verdict:
 
     @property
     def size(self) -> float:
-        """The largest change by the source."""
-        return max((each.size for each in self.rows), default=0.0)
+        """The most probable change by the source."""
+        return self.rows[0].size if self.rows else 0.0
 
 
 @dataclass(frozen=True)
@@ -190,8 +195,7 @@ class Budget:
 
     def columns(self, name: str) -> dict[str, Any]:
         """`name`, and the ends of its interval."""
-        half = self.half_width()
-        values = (self.value, self.value - half, self.value + half)
+        values = (self.value, self.low, self.high)
         return {f"{name}{end}": x for end, x in zip(INTERVAL_ENDS, values, strict=True)}
 
     def verdict(self, needed: float) -> Verdict:

@@ -14,12 +14,14 @@ from scipy.ndimage import gaussian_filter1d
 from shipped import CONFIG
 
 from osl_analysis.bench.bench_settings import Calibration
+from osl_analysis.bench.budgets import alternatives
 from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.friction import friction_of_joint
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import sums_of
 from osl_analysis.inference.spectra import slipping_springs
+from osl_analysis.inference.weighing import Alternative, ImpedanceInference
 from osl_analysis.judge.finding import Grade, Limits
 
 SETTINGS = CONFIG.dynamometer
@@ -172,6 +174,16 @@ def test_of_a_late_torque_the_friction_is_late_too():
 
     paths = contributions(tables_of(late), "B", source="torque_path")
     assert set(paths.filter(pl.col("probability") > 0.05)["detail"]) == {"delay"}
+
+
+def test_neither_a_spring_in_series_nor_more_than_all_of_an_estimate_has_a_size():
+    change = np.full(3, 1e5)
+    paths = [Alternative("path", name, 0.4, change) for name in ("spring in series", "delay")]
+
+    series, late, left = alternatives(ImpedanceInference({}, 0.0, paths, change), (), 0, 300.0)
+
+    assert series.standard is None
+    assert late.standard == left.standard == pytest.approx(300, rel=1e-3)
 
 
 def test_a_known_spring_takes_the_models_of_the_path_out():

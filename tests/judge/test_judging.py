@@ -12,7 +12,7 @@ from osl_analysis.judge.finding import Accuracy, Grade, Limits, finding_text
 from osl_analysis.judge.judging import judged, marked, results_in, short_list, verdicts_of, wide_in
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
-from osl_analysis.stats.repeats import concerns, is_doubtful
+from osl_analysis.stats.repeats import concerns
 
 KNEE = {"trial": "knee", "amplitude_deg": None, "K": 150.0, "B": 3.0, "I": 0.03}
 NEEDED = {"K": 3.0, "B": 0.15, "I": 0.006}
@@ -68,10 +68,12 @@ def test_a_doubt_names_its_models_sizes_and_what_they_leave():
     rows = {"K": [fault(10.0, probability=0.6), fault(9.0, detail="low-pass", probability=0.3)]}
 
     (alone,) = of_knee(rows)
+    (unbounded,) = of_knee({"K": [fault(151.0)]})
     (beside,) = of_knee({"K": [*rows["K"], left]})
 
     text = "delay, low-pass would change K by up to 10 N*m/rad"
     assert alone.size == text
+    assert unbounded.size == "delay would change K by an unknown size, larger than itself"
     assert (
         beside.size == f"{text}. Torque that it leaves unexplained could change"
         " K by up to 4 N*m/rad"
@@ -141,20 +143,6 @@ def test_an_impossible_estimate_is_doubtful_and_no_other_of_its_row():
     assert verdicts_of([doubt]) == {"K": "clear", "B": "impossible estimate", "I": "clear"}
 
 
-def test_friction_that_was_not_checked_is_no_property_of_the_device():
-    unchecked = Contribution("friction", None, part="fault", per="")
-    table = pl.DataFrame([KNEE], infer_schema_length=None)
-    rows = table_of(budget_rows(KNEE, {"B": Budget(KNEE["B"], (unchecked,))}), "budget")
-
-    found = judged(table, Limits(), "impedance", budget=rows)
-
-    (friction,) = (finding for finding in found[0] if finding.name == "friction")
-    assert (friction.grade, friction.is_result) == (Grade.UNCHECKED, False)
-    (remarks,) = marked(table, found, "impedance")["remarks"]
-    assert "not checked: friction" in remarks
-    assert results_in(remarks) == []
-
-
 def test_a_wide_interval_is_told_under_its_own_name_and_is_no_doubt(monkeypatch):
     monkeypatch.setitem(KNEE, "B_viscous", 3.0)
     wide = [scatter(0.1, 1e9)]
@@ -168,17 +156,25 @@ def test_a_wide_interval_is_told_under_its_own_name_and_is_no_doubt(monkeypatch)
     assert verdicts_of(of_knee({"B": wide, "B_viscous": wide}))["B"] == "wide"
 
 
-def test_what_is_not_known_is_told_once_with_its_size_per_unit():
-    gain = {name: Contribution("wrong_gain", None, part="fault", per="x per %") for name in "KB"}
-    rows = table_of(
-        budget_rows(KNEE, {name: Budget(1.0, (each,)) for name, each in gain.items()}),
-        "budget",
-    )  # fmt: skip
+def test_what_is_not_known_is_told_once_per_unit_and_is_no_property_of_the_device():
+    friction = Contribution("friction", None, part="fault")
+    gain = Contribution("wrong_gain", None, part="fault", per="x per %")
+    budgets = {name: Budget(1.0, (gain, friction)) for name in "KB"}
+    table = pl.DataFrame([KNEE])
 
-    (found,) = judged(pl.DataFrame([KNEE]), Limits(), "impedance", budget=rows)
+    found = judged(
+        table, Limits(), "impedance", budget=table_of(budget_rows(KNEE, budgets), "budget")
+    )
 
-    sizes = [each.size for each in found if each.name == "wrong_gain"]
-    assert sizes == ["K x per %, B x per %"]
+    told = [(each.name, each.size, each.grade, each.is_result) for each in found[0]]
+    unchecked = (Grade.UNCHECKED, False)
+    assert told == [
+        ("wrong_gain", "K x per %, B x per %", *unchecked),
+        ("friction", "", *unchecked),
+    ]
+    (remarks,) = marked(table, found, "impedance")["remarks"]
+    assert remarks.endswith("not checked: friction")
+    assert results_in(remarks) == []
 
 
 @pytest.mark.parametrize(("doubts", "names", "is_concerned"), [
@@ -225,14 +221,3 @@ def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():
     assert rate.failed(99.0, 100)
     assert not CHECKS["gap"].failed(0.05004, 0.05)
     assert CHECKS["gap"].failed(0.051, 0.05)
-
-
-def test_rows_of_single_amplitudes_share_the_doubt_of_their_trial():
-    table = pl.DataFrame(
-        {"trial": [*"aabb"], "amplitude_deg": [2.0, None] * 2, "VAF": [90.0, 50.0, 50.0, 90.0]}
-    )
-
-    findings = judged(table, Limits(below={"VAF": 70}), "transmission")
-    doubts = marked(table, findings, "transmission")
-
-    assert is_doubtful(doubts).to_list() == [True, True, True, False]

@@ -361,11 +361,13 @@ def distances(times: Array, others: Array) -> Array:
 
 def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array], at_rail: int) -> str:
     """Why a signal leaps: a torque that leaps at one angle again and again does at a stop, one that
-    stands at an end of its range leaps to it; where the angle leaps, too, rows are missing."""
+    stands at an end of its range leaps to it; where the angle leaps, too, rows are missing. An
+    angle that leaps alone need not have lost any."""
     times = leaps.get("torque", np.empty(0))
     of_angle = sum(len(of_column) for of_column in leaps.values()) - len(times)
     if of_angle:
-        return "the angle froze or slipped, or rows were lost or doubled"
+        rows = "rows were lost or doubled"
+        return rows if times.size else f"the angle froze or slipped, or {rows}"
     if at_rail > LIMITS.at_end:
         return "the torque stands at an end of its range"
     if times.size >= LIMITS.fewest_at_stop:

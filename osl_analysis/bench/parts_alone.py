@@ -257,7 +257,6 @@ def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> d
     others = {"B_j": budgets["B_j_viscous"].value, "J_j": budgets["J_j"].value}
     if weight.certain("theta"):
         others["J_j"] = weight["J_j"]
-    of_delay = unknown("late_torque", "ms", J_j=1e-3 * budgets["B_j"].value)
     complete = {}
     for k, (name, source) in enumerate(PROPERTIES_OF_LOSSES.items(), start=1):
         half = abs(budgets[name].value - others[name]) / 2
@@ -265,8 +264,10 @@ def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> d
             Contribution(source, half, basis="measured", part="motion"),
             *other_stamps(analysis, name),
             *alternatives(joint, stated, k, budgets[name].value),
-            *([of_delay[name]] if name in of_delay and "delay" not in stated else []),
         )
+    if "delay" not in stated:
+        of_delay = unknown("late_torque", "ms", J_j=1e-3 * budgets["B_j"].value)
+        complete["J_j"] = complete["J_j"].plus(of_delay["J_j"])
     return complete
 
 

@@ -16,8 +16,9 @@ actuator, whose velocity is that of the joint times (K_s/n_T)/N, through which i
 Friction that sticks, grows with the load or is cancelled late is no Coulomb friction, and the gains
 are the same in every motion. Half of their range over amplitudes and frequencies, with friction and
 without, is therefore an error of the theory, and in the intervals: unlike K of Eq. 15, gains have
-no other value at another amplitude. A motion that does not tell friction from damping tells no
-gains.
+no other value at another amplitude. What friction that sticks at rest does alike at all of them
+shows in the torque that is left, of which `INEXACTNESS` may pass for a gain: that is in the
+intervals, too. A motion that does not tell friction from damping tells no gains.
 """
 
 from collections.abc import Mapping
@@ -42,6 +43,7 @@ from osl_analysis.bench.regression import (
     gram_sums,
     offset_and_drift,
 )
+from osl_analysis.inference.weighing import INEXACTNESS
 from osl_analysis.model.compensator import stiffness_gain
 from osl_analysis.model.drivetrain import (
     DrivetrainParameters,
@@ -269,62 +271,66 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     rendered = with_torque_errors(step, X, torques).derived(leg.impedance_slopes())
 
     linear = fit_groups(leg.sums, leg.linear_model)
+    residual = leg.residual.filtered_torque[rows]
     explained = X[:, : len(leg.linear_model)] @ linear.estimates
-    unexplained = leg.residual.filtered_torque[rows] - explained
-    of_friction = ranges_of_friction(leg, leg.moved_by(linear))
+    of_friction = contributions_of_friction(leg, leg.moved_by(linear), X, residual, step)
     of_components = contributions_of_components(leg, X, rows, uncertainties)
     return RenderedGains(
         budgets={
-            name: rendered.budget(name).plus(of_friction[name], *of_components[name])
+            name: rendered.budget(name).plus(*of_friction[name], *of_components[name])
             for name in rendered.names
         },
-        VAF=variance_accounted_for(record.filtered_torque[rows], unexplained),
+        VAF=variance_accounted_for(record.filtered_torque[rows], residual - explained),
     )
 
 
-def ranges_of_friction(leg: Leg, linear: Leg) -> dict[str, Contribution]:
-    """Half of the ranges over amplitudes and frequencies, and with Coulomb friction of both, of the
-    joint alone, and of neither: the model has none, so that they tell what friction of another kind
-    may change."""
-    of_joint = fit_groups(leg.sums, {**leg.linear_model, "T_C": "T_C"}, EFFECTS_LIMIT)
-    legs = [leg, linear, leg.moved_by(of_joint)]
+def contributions_of_friction(
+    leg: Leg, linear: Leg, X: Array, residual: Array, step: LinearFit
+) -> dict[str, list[Contribution]]:
+    """What friction that is no Coulomb friction may make of what the gains render: half of the
+    ranges over amplitudes and frequencies, with Coulomb friction and without, and what it does
+    alike at all of them. Of the torque that the slopes X (n, p) leave of the `residual` (n,) a
+    share may act as any one of them does, by a rectangular distribution (JCGM 100:2008, 4.3.7)."""
+    legs = [leg, linear]
     for part in parts_of(leg.residual, leg.sums):
         with suppress(IdentifiabilityError):
             legs.append(leg.moved_by(fit_groups(part, leg.model, EFFECTS_LIMIT)))
-    return {
-        name: Contribution(
-            "friction",
-            np.ptp([each.impedance()[name] for each in legs]) / 2,
-            basis="measured",
-            detail="range over amplitudes, frequencies and friction",
-        )
-        for name in leg.impedance()
-    }
+    detail = "range over amplitudes, frequencies and friction"
+    left = residual - X @ step.estimates
+    as_gains = replace(step, covariance=left @ left * np.linalg.inv(X.T @ X))
+    of_all = as_gains.derived(leg.impedance_slopes())
+    found = {}
+    for name in of_all.names:
+        half = np.ptp([each.impedance()[name] for each in legs]) / 2
+        share = INEXACTNESS / np.sqrt(3) * of_all.se(name)
+        found[name] = [
+            Contribution("friction", half, basis="measured", detail=detail),
+            Contribution("friction_shape", share, basis="assumed"),
+        ]
+    return found
 
 
 def contributions_of_components(
     leg: Leg, X: Array, rows: NDArray[np.bool_ | np.intp], uncertainties: Mapping[str, float]
 ) -> dict[str, list[Contribution]]:
     """What the uncertainty of each component of the drivetrain makes of what the gains render, to
-    first order; of those whose uncertainty is not stated, the one that changes it most."""
+    first order; of one whose uncertainty is not stated, what a percent does."""
     before = leg.impedance()
     found: dict[str, list[Contribution]] = {name: [] for name in before}
-    most: dict[str, tuple[float, str]] = dict.fromkeys(before, (0.0, ""))  # by a percent of one
     by_torque = np.linalg.pinv(X)  # change of the estimates (p, m)
     for component in COMPONENT_SYMBOLS:
         value = getattr(leg.p, component)
+        if not value:  # it is left out of the model
+            continue
         other = replace(leg, p=replace(leg.p, **{component: value * (1 + SHARE_ROUNDING)}))
         changes = by_torque @ (leg.torque - other.torque)[rows]
         after = other.moved_by(dict(zip(leg.model, changes, strict=True))).impedance()
         for name in before:
             by_all = abs(after[name] - before[name]) / SHARE_ROUNDING
-            if component not in uncertainties:
-                most[name] = max(most[name], (by_all / 100, component))
-            elif value:  # 0: it is left out of the model
+            if component in uncertainties:
                 size = by_all * uncertainties[component] / value
                 row = Contribution("component", size, shared=True, detail=component)
-                found[name].append(row)
-    for name, (size, component) in most.items():
-        if component:
-            found[name].append(unknown("component", f"% of {component}", **{name: size})[name])
+            else:
+                row = unknown("component", f"% of {component}", **{name: by_all / 100})[name]
+            found[name].append(row)
     return found

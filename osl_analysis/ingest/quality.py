@@ -365,9 +365,10 @@ def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array], at_ra
     angle that leaps alone need not have lost any."""
     times = leaps.get("torque", np.empty(0))
     of_angle = sum(len(of_column) for of_column in leaps.values()) - len(times)
+    if of_angle and times.size:
+        return "rows were lost or doubled"
     if of_angle:
-        rows = "rows were lost or doubled"
-        return rows if times.size else f"the angle froze or slipped, or {rows}"
+        return "the angle froze or slipped, or rows were lost or doubled"
     if at_rail > LIMITS.at_end:
         return "the torque stands at an end of its range"
     if times.size >= LIMITS.fewest_at_stop:

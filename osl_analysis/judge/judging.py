@@ -240,9 +240,10 @@ def evidence_of(estimate: Judged, name: str) -> Beyond:
     """What is beyond its limit: the change by a fault; else the half-width, of which a likely fault
     makes more than is needed."""
     verdict = estimate.verdict
-    if verdict.size > verdict.limit:
-        return Beyond(estimate.name, verdict.size, verdict.limit, "above", name)
-    return Beyond(estimate.name, estimate.budget.half_width(), estimate.needed, "above", name)
+    size, limit = verdict.size, verdict.limit
+    if size <= limit:
+        size, limit = estimate.budget.half_width(), estimate.needed
+    return Beyond(estimate.name, size, limit, "above", name)
 
 
 def doubt_text(source: str, doubted: Sequence[Judged]) -> str:

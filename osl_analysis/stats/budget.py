@@ -168,8 +168,11 @@ class Budget:
 
     def of_source(self, source: str) -> list[Contribution]:
         """The contributions of a source, of known size."""
-        known = [each for each in self.contributions if each.standard is not None]
-        return [each for each in known if each.source == source]
+        return [
+            each
+            for each in self.contributions
+            if each.source == source and each.standard is not None
+        ]
 
     @property
     def half_range(self) -> float:

@@ -288,10 +288,12 @@ def contributions_of_friction(
     leg: Leg, linear: Leg, X: Array, residual: Array, step: LinearFit
 ) -> dict[str, list[Contribution]]:
     """What friction that is no Coulomb friction may make of what the gains render: half of the
-    ranges over amplitudes and frequencies, with Coulomb friction and without, and what it does
-    alike at all of them. Of the torque that the slopes X (n, p) leave of the `residual` (n,) a
-    share may act as any one of them does, by a rectangular distribution (JCGM 100:2008, 4.3.7)."""
-    legs = [leg, linear]
+    ranges over amplitudes and frequencies, and with Coulomb friction of both, of the joint alone
+    and of neither; and what it does alike at all of them. Of the torque that the slopes X (n, p)
+    leave of the `residual` (n,) a share may act as any one of them does, by a rectangular
+    distribution (JCGM 100:2008, 4.3.7)."""
+    of_joint = fit_groups(leg.sums, {**leg.linear_model, "T_C": "T_C"}, EFFECTS_LIMIT)
+    legs = [leg, linear, leg.moved_by(of_joint)]
     for part in parts_of(leg.residual, leg.sums):
         with suppress(IdentifiabilityError):
             legs.append(leg.moved_by(fit_groups(part, leg.model, EFFECTS_LIMIT)))

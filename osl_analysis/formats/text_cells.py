@@ -74,14 +74,18 @@ def is_text(begin: bytes) -> bool:
 
 
 def decoded(data: bytes) -> str:
+    """Decode text, and repair what programs spoiled in it by another encoding."""
+    return SPOILED.sub(repaired, as_written(data))
+
+
+def as_written(data: bytes) -> str:
     """Decode text in UTF-8, UTF-16 with its mark, or else the western code page of Windows."""
     try:
         if data.startswith(UTF_16):
             data = data.decode("utf-16", errors="replace").encode()
-        text = data.removeprefix(b"\xef\xbb\xbf").decode()
+        return data.removeprefix(b"\xef\xbb\xbf").decode()
     except UnicodeDecodeError:
-        text = data.decode("cp1252", errors="replace")
-    return SPOILED.sub(repaired, text)
+        return data.decode("cp1252", errors="replace")
 
 
 def repaired(match: re.Match[str]) -> str:
@@ -93,8 +97,9 @@ def repaired(match: re.Match[str]) -> str:
 
 
 def begins_with_text(pattern: str, begin: bytes) -> bool:
-    """Tell whether a file that begins so is text in which a pattern stands near its beginning."""
-    return is_text(begin) and re.search(pattern, decoded(begin)) is not None
+    """Tell whether a file that begins so is text in which a pattern of ASCII stands near its
+    beginning. To repair the text would take long where these are numbers of a program."""
+    return is_text(begin) and re.search(pattern, as_written(begin)) is not None
 
 
 def read_text(path: Path) -> Text:

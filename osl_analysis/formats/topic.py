@@ -233,7 +233,7 @@ class Topic:
         """
         units = ROS_UNITS.get(self.schema.name.rpartition("/")[2], {})
         channels = []
-        paths = self.table.drop(PLACE_KEY, LOG_TIME).columns
+        paths = [path for path in self.table.columns if path not in (PLACE_KEY, LOG_TIME)]
         for path in paths:
             likely = next((unit for start, unit in units.items() if path.startswith(start)), "")
             read = partial(self.column, path)

@@ -154,7 +154,10 @@ def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
         drift = ((first[used] - centre) * (difference[used] - level)).sum() / information
         residuals = difference - (level + drift * (first - centre))
         spread = scipy.stats.median_abs_deviation(residuals[used], scale="normal")
-        used = abs(residuals) <= LIMITS.outlier * max(spread, noise)
+        is_near = abs(residuals) <= LIMITS.outlier * max(spread, noise)
+        if (is_near == used).all():
+            break
+        used = is_near
     return ClockFit(
         level - drift * centre,
         drift,

@@ -95,9 +95,9 @@ def convert_topic(
     if stale:
         table = table[fresh]
         remarks += stale
-    once = table
-    if (table["stamp"].diff() <= 0).any():  # else none was sent twice, which takes long to tell
-        once = table.unique(maintain_order=True)
+    if (table["stamp"].diff() > 0).all():
+        return table, origins, remarks
+    once = table.unique(maintain_order=True)
     copies = len(table) - len(once)
     late = count_late(once["stamp"].to_numpy())
     if late:

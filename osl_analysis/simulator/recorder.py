@@ -33,7 +33,7 @@ from osl_analysis.simulator.trial_plan import generator_of
 RULE = "=" * 80 + "\n"  # between the definitions of a ROS 2 schema
 ARRIVES_NS = 150_000  # [ns] in which a sample arrives at the recorder
 CHUNK_BYTES = 1 << 20  # of messages in a chunk, at most
-COMPRESSION_LEVEL = 1  # of zstd: 0.4 of the time of the usual 3, for 7 % more bytes
+COMPRESSION_LEVEL = -3  # of zstd: 0.75 of the time of 1, for 13 % more bytes
 LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
 
 HEADER_DEFINITIONS = (
@@ -106,15 +106,22 @@ def log_topic(
         ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8"),
         ("encapsulation", "V4"), ("body", body),
     ]  # fmt: skip
-    records = np.zeros(len(stamps), np.dtype(head + content))
-    records["opcode"] = Opcode.MESSAGE
-    records["length"] = np.dtype(content).itemsize
+    first = np.zeros(1, np.dtype(head + content))
+    first["opcode"] = Opcode.MESSAGE
+    first["length"] = np.dtype(content).itemsize
+    first["encapsulation"] = LITTLE_ENDIAN_CDR
+    columns = {}
+    for member, (_, value) in message.items():
+        if np.ndim(value):
+            columns[member] = value
+        else:
+            first["body"][member] = value
+    records = first.repeat(len(stamps))  # what all share is copied, which is the faster way
     records["sequence"] = np.arange(len(stamps))
     records["log"] = stamps + ARRIVES_NS
     records["publish"] = stamps
-    records["encapsulation"] = LITTLE_ENDIAN_CDR
-    for member, (_, value) in message.items():
-        records["body"][member] = value
+    for member, column in columns.items():
+        records["body"][member] = column
     schema = f"std_msgs/Header header\n{fields}{HEADER_DEFINITIONS}"
     return LogTopic(name, schema_name, schema, records)
 

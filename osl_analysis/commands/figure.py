@@ -153,7 +153,9 @@ def write_figure(
             lines = textwrap.wrap(origin, int(figure.get_figwidth() * FOOTER_LETTERS))
             figure.set_figheight(figure.get_figheight() + FOOTER_LINE_IN * (1 + len(lines)))
             figure.supxlabel("\n".join(lines), parse_math=False, fontsize=FOOTER_POINTS, color=GREY)
-        figure.draw_without_rendering()
+        layout = figure.get_layout_engine()
+        if layout is not None:
+            layout.execute(figure)
     # every format has the places that were just found, and is drawn once: "none" draws it twice
     figure.set_layout_engine(None)
     for path in outputs:

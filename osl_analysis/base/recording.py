@@ -18,21 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.base.errors import InputError, listing, nearest, shortened
+from osl_analysis.base.files import own_yaml
 from osl_analysis.base.trial import Array
 
 SECOND_NS = 1_000_000_000
 EXPORTED = 0  # type of a plate whose force and moment were exported in the laboratory's axes
-MEASURED_BY_TYPE = dict(
-    enumerate(
-        [
-            ("N", "N", "N", "N*m", "N*m", "N*m", "m", "m", "m"),
-            ("N", "N", "N", "m", "m", "N*m"),
-            ("N", "N", "N", "N*m", "N*m", "N*m"),
-            ("N", "N", "N", "N", "N", "N", "N", "N"),
-            ("N", "N", "N", "N*m", "N*m", "N*m"),
-        ]
-    )
-)
+MEASURED_BY_TYPE: Mapping[Any, Sequence[str]] = own_yaml(Path(__file__).with_name("plates.yaml"))
 """By type of plate, what its channels measure in SI units; those of type 4 when calibrated."""
 
 

@@ -58,10 +58,8 @@ def si_factor(unit: str, expected: str) -> float:
     """
     examples = ", ".join(EXAMPLES[expected])
     spelling = normalised(unit)
-    # no siemens: `TIME(S)`
-    known = EXAMPLES[expected].get(spelling.lower() if expected == "s" else spelling)
-    if known:
-        return known
+    if expected == "s":
+        spelling = spelling.lower()  # no siemens: `TIME(S)`
     if not spelling:
         raise InputError("the unit is empty", f"write one of {examples}")
     factor, base = base_units(spelling) or (math.nan, "")

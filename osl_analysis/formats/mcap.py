@@ -277,14 +277,12 @@ def _wanted_fields(source: MessageSource) -> dict[str, dict[str, None]]:
 def _messages_alike(content: bytes) -> NDArray[np.int64]:
     """Where the messages begin of a chunk that holds nothing but messages of one length, as of one
     topic; empty of another chunk. One by one they would take most of the time of reading."""
-    if len(content) < MESSAGE.itemsize:
-        return np.empty(0, np.int64)
-    opcode, length = RECORD.unpack_from(content)
+    opcode, length = RECORD.unpack(content[: RECORD.size].rjust(RECORD.size, b"\0"))
     size = RECORD.size + length
-    if opcode != MESSAGES or length < MESSAGE_HEAD or len(content) % size:
-        return np.empty(0, np.int64)
-    heads = np.frombuffer(content, np.uint8).reshape(-1, size)[:, : RECORD.size]
-    is_alike = (heads == heads[0]).all()
+    is_alike = opcode == MESSAGES and length >= MESSAGE_HEAD and len(content) % size == 0
+    if is_alike:
+        heads = np.frombuffer(content, np.uint8).reshape(-1, size)[:, : RECORD.size]
+        is_alike = (heads == heads[0]).all()
     return np.arange(0, len(content) if is_alike else 0, size)
 
 

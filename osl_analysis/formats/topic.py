@@ -233,7 +233,7 @@ class Topic:
         """
         units = ROS_UNITS.get(self.schema.name.rpartition("/")[2], {})
         channels = []
-        paths = [path for path in self.table.columns if path not in (PLACE_KEY, LOG_TIME)]
+        paths = self.table.columns[2:]  # behind place and log time
         for path in paths:
             likely = next((unit for start, unit in units.items() if path.startswith(start)), "")
             read = partial(self.column, path)

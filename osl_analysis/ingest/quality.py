@@ -402,8 +402,7 @@ def measure_turns(examined: Examined) -> dict[str, float]:
     """Number of steps of an angle by one turn, or by 360 (degrees declared as radians)."""
     wraps: dict[str, float] = {}
     for column, (_, angle) in readings_of(examined.trial, f"({'|'.join(ANGLES)})").items():
-        steps = np.abs(np.diff(angle))
-        turns = np.divide.outer(steps[steps > np.pi], (2 * np.pi, 360.0))
+        turns = np.divide.outer(np.abs(np.diff(angle)), (2 * np.pi, 360.0))
         wraps[column] = int(np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn))
     return wraps
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A trial: the canonical samples of one recording, checked at construction, and its file (Parquet).
 
-Here stands the nomenclature: name, unit and sign of each column.
+Name, unit and sign of each column stand in `nomenclature.yaml`.
 """
 
 import json
@@ -19,46 +19,17 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.base.errors import InputError, listing, naming, nearest
-from osl_analysis.base.files import atomic_path
+from osl_analysis.base.files import atomic_path, own_yaml
 from osl_analysis.base.measured import check_finite
 from osl_analysis.base.table import SCHEMA, check_analysed, check_schema
 
-# unit of each canonical column; symbols of the paper in brackets
-COLUMNS: dict[str, str] = {
-    "time": "s",  # [t] as stamped, never goes back
-    # [θ_j] joint angle from the bench's or the leg's joint encoder, dorsiflexion positive
-    "theta": "rad",
-    "theta_m": "rad",  # [θ_m] actuator output angle, after the gear and before the belt
-    # [dθ_m/dt] actuator output velocity, for an actuator bench that logs no theta_m
-    "omega_m": "rad/s",
-    # slow joint angle recorded beside theta; a person's stiffness changes with it
-    "theta_slow": "rad",
-    # angle on the joint's side of the frame, recorded beside theta of the bench in a calibration
-    "theta_joint": "rad",
-    "theta_command": "rad",  # [θ_j*] joint angle that the dynamometer was told to follow
-    "current": "A",  # [I_q] q-axis motor current
-    # [τ] resisting joint torque, -τ_j of Eq. 4; the internal plantarflexion moment
-    "torque": "N*m",
-    # [τ_m] torque of the actuator at its output, positive if it drives θ_m up (Eq. 1)
-    "torque_m": "N*m",
-    "K_1": "N*m/rad",  # stiffness gain that the leg applied at the actuator output
-    "B_1": "N*m*s/rad",  # damping gain that the leg applied at the actuator output
-    "sync": "V",  # synchronisation pulse train, shared by the recorders
-    # trigger of the perturbation platform
-    "trigger": "V",
-}
-
+NOMENCLATURE = own_yaml(Path(__file__).with_name("nomenclature.yaml"))
+COLUMNS: dict[str, str] = NOMENCLATURE["columns"]
+"""Unit of each canonical column."""
 AXES = ("x", "y", "z")
 Array = NDArray[np.float64]
-# units of columns that exist once per marker, per plate, per side or per additional signal
-FAMILIES = {
-    re.compile(r"marker_.+_[xyz]", re.DOTALL): "m",  # a label is the laboratory's own
-    re.compile(r"plate[1-9][0-9]*_force_[xyz]"): "N",
-    re.compile(r"plate[1-9][0-9]*_moment_[xyz]"): "N*m",
-    re.compile(r"reference_ankle_moment_(left|right)"): "N*m/kg",
-    # another signal that a person's stiffness may change with, such as an EMG
-    re.compile(r"signal_\w+"): "1",
-}
+FAMILIES: dict[str, str] = NOMENCLATURE["families"]
+"""Units of columns that exist once per marker, per plate, per side or per additional signal."""
 
 
 def marker_columns(label: str) -> list[str]:
@@ -81,7 +52,7 @@ COUNTER = "_counter"
 def unit_of(column: str) -> str:
     """Unit of a canonical column, or of a column of a family. Raises KeyError for another name."""
     for pattern, unit in FAMILIES.items():
-        if pattern.fullmatch(column):
+        if re.fullmatch(pattern, column, re.DOTALL):
             return unit
     return COLUMNS[column]
 

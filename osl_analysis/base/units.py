@@ -19,7 +19,7 @@ from osl_analysis.base.files import own_yaml
 
 DATA = own_yaml(Path(__file__).with_name("units.yaml"))
 EXAMPLES: dict[str, dict[str, float]] = DATA["examples"]
-BASE_UNITS: dict[str, str] = DATA["base_units"]
+SI_UNITS: dict[str, str] = DATA["si_units"]
 LONG_TIMES: dict[str, float] = DATA["long_times"]
 ALIASES: dict[str, str] = DATA["aliases"]
 SIGNS: dict[str, str] = DATA["signs"]
@@ -62,11 +62,10 @@ def si_factor(unit: str, expected: str) -> float:
         spelling = spelling.lower()  # no siemens: `TIME(S)`
     if not spelling:
         raise InputError("the unit is empty", f"write one of {examples}")
-    factor, base = base_units(spelling) or (math.nan, "")
+    factor, si_unit = in_si(spelling) or (math.nan, "")
     # from that of ns to that of N*m/mdeg; others are misspellings such as `Mm` and `MN`
-    if base != dimension(expected) or not 1e-9 <= factor <= 1e5:
-        si_unit = next((known for known in EXAMPLES if dimension(known) == base), base)
-        measured = f"{factor:g} {si_unit}" if base else "unknown"
+    if si_unit != expected or not 1e-9 <= factor <= 1e5:
+        measured = f"{factor:g} {si_unit}" if si_unit else "unknown"
         raise InputError(f"unit '{shortened(unit)}' is {measured}", f"write one of {examples}")
     return factor
 
@@ -103,21 +102,19 @@ def torque_spelled(match: re.Match[str]) -> str:
     return f"{force_second or force_first}f*{length_first or length_second}".lower()
 
 
-# Dimensions
-
 NAME = r"(?:[^\W\d_]\w{0,30}|°|%|‰|1)"  # of one unit within a product
 
 
 @cache
-def base_units(spelling: str) -> tuple[float, str] | None:
-    """Factor to base units, and their product as text; None if the text is not a unit. `10*us` are
-    ticks of 10 us."""
+def in_si(spelling: str) -> tuple[float, str] | None:
+    """Factor to an SI unit, and this, a key of `EXAMPLES` or a product of base units; None if the
+    text is not a unit. `10*us` are ticks of 10 us."""
     for si_unit, factors in EXAMPLES.items():
         if spelling in factors:
-            return factors[spelling], BASE_UNITS[si_unit]
+            return factors[spelling], si_unit
     ticks = TICKS.fullmatch(spelling)
     if ticks:
-        of_tick = base_units(ticks[2])
+        of_tick = in_si(ticks[2])
         return of_tick and (float(ticks[1]) * of_tick[0], of_tick[1])
     if not re.fullmatch(rf"{NAME}([*/]{NAME}){{,7}}", spelling):
         return None
@@ -128,7 +125,8 @@ def base_units(spelling: str) -> tuple[float, str] | None:
         in_base_units = application_registry.Quantity(1.0, text).to_base_units()
     except (PintError, ValueError, AssertionError, TypeError):
         return None
-    return float(in_base_units.magnitude), str(in_base_units.units)
+    product = str(in_base_units.units)
+    return float(in_base_units.magnitude), SI_UNITS.get(product, product)
 
 
 def name_for_pint(match: re.Match[str]) -> str:
@@ -139,12 +137,7 @@ def name_for_pint(match: re.Match[str]) -> str:
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit."""
-    return base_units(normalised(text)) is not None
-
-
-def dimension(canonical: str) -> str:
-    """Base units of an SI unit, as text."""
-    return (base_units(canonical) or ("", ""))[1]
+    return in_si(normalised(text)) is not None
 
 
 def measures(expected: str) -> AfterValidator:

@@ -23,12 +23,11 @@ from osl_analysis.base.errors import quoted
 from osl_analysis.base.files import own_yaml
 from osl_analysis.base.measured import cycle_duration, spoiled, varies
 from osl_analysis.base.trial import COLUMNS
-from osl_analysis.base.units import dimension
 from osl_analysis.draft.recorded_channel import RecordedChannel, name_and_ending
 
 TABLE = Path(__file__).with_name("likelihoods.yaml")
 LEVELS = ("sync", "trigger")  # columns of volts, whose unit nobody states
-COUNTS = ("", "dimensionless", "count")  # what may be of any quantity measures nothing, or this
+COUNTS = ("", "1", "count")  # what may be of any quantity measures nothing, or this
 SI_UNITS = ("rad", "rad/s", "N*m", "A", "V")  # that speak for a column
 # of what is no angle, or none that was measured
 NO_ANGLE = {"speed", "torque", "current", "derived", "other", "in rad/s", "in N*m", "in A"}
@@ -131,10 +130,9 @@ def kinds_of_words(words: str) -> set[str]:
 def evidence_of_channel(channel: RecordedChannel) -> set[str]:
     """What speaks for and against columns: name, unit and readings of one channel."""
     evidence = kinds_of_words(words_of_channel(channel))
-    factor, base = channel.base
-    for unit in SI_UNITS:
-        if base == dimension(unit):
-            evidence.add(f"in {unit}")
+    factor, unit = channel.base
+    if unit in SI_UNITS:
+        evidence.add(f"in {unit}")
     levels = np.unique(channel.readings)
     if levels.size and "in rad" in evidence:
         turned = (levels[-1] - levels[0]) * factor
@@ -194,7 +192,7 @@ def allowed_columns(channel: RecordedChannel) -> list[str]:
     return [
         column
         for column in likelihoods()["columns"]
-        if column in LEVELS or channel.base[1] in (*COUNTS, dimension(COLUMNS[column]))
+        if column in LEVELS or channel.base[1] in (*COUNTS, COLUMNS[column])
     ]
 
 

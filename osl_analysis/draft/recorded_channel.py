@@ -18,7 +18,7 @@ from osl_analysis.base.units import (
     EXAMPLES,
     TICKS,
     TORQUE,
-    base_units,
+    in_si,
     normalised,
     torque_spelled,
 )
@@ -87,8 +87,8 @@ class RecordedChannel:
 
     @property
     def base(self) -> tuple[float, str]:
-        """Factor of the stated or likely unit to base units, and these; 0 and empty if unknown."""
-        return base_units(normalised(self.spelled_unit)) or (0.0, "")
+        """Factor of the stated or likely unit to an SI unit, and this; 0 and empty if unknown."""
+        return in_si(normalised(self.spelled_unit)) or (0.0, "")
 
 
 @dataclass(frozen=True)

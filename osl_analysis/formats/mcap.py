@@ -279,10 +279,10 @@ def _messages_alike(content: bytes) -> NDArray[np.int64]:
     topic; empty of another chunk. One by one they would take most of the time of reading."""
     opcode, length = RECORD.unpack(content[: RECORD.size].rjust(RECORD.size, b"\0"))
     size = RECORD.size + length
-    is_alike = opcode == MESSAGES and length >= MESSAGE_HEAD and len(content) % size == 0
-    if is_alike:
-        heads = np.frombuffer(content, np.uint8).reshape(-1, size)[:, : RECORD.size]
-        is_alike = (heads == heads[0]).all()
+    if opcode != MESSAGES or length < MESSAGE_HEAD or len(content) % size:
+        return np.arange(0)
+    heads = np.frombuffer(content, f"V{RECORD.size}, V{length}")["f0"]
+    is_alike = (heads == heads[0]).all()
     return np.arange(0, len(content) if is_alike else 0, size)
 
 

@@ -15,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache, cached_property, partial
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,15 +25,12 @@ from numpy.typing import NDArray
 from polars import selectors
 
 from osl_analysis.base.errors import InputError, on_one_line, optional_module, quoted, shortened
+from osl_analysis.base.files import own_yaml
 from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Rows
 from osl_analysis.formats.message_layout import MOST_ELEMENTS, Layout, definition_of, rows_at
 from osl_analysis.formats.reading import is_of_file
 
-ROS_UNITS = {
-    "JointState": {"position": "rad", "velocity": "rad/s", "effort": "N*m"},
-    "Wrench": {"force": "N", "torque": "N*m"},
-    "WrenchStamped": {"wrench.force": "N", "wrench.torque": "N*m"},
-}
+ROS_UNITS: dict[str, dict[str, str]] = own_yaml(Path(__file__).with_name("ros_units.yaml"))
 """Units of standard messages (REP 103) by the beginning of the field. They are likely and no more:
 a laboratory's effort may be a current, and a joint that slides has other ones."""
 MOST_FIELDS = 2000  # of objects; a robot has some hundred, and each is a column

@@ -55,12 +55,6 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
 # Recordings of a bench that are refused before a fit.
 
 ANGLES = ("theta", "theta_m", "theta_command")
-CONFUSED_UNITS = {
-    "rad": ("rad", "deg", "mrad"),
-    "N*m": ("N*m", "N*mm", "N*cm"),
-    "s": ("s", "ms", "us", "ns"),
-}
-"""By SI unit, the most usual ones first."""
 
 
 @np.errstate(all="ignore")  # values of damaged files may be of any size
@@ -261,7 +255,7 @@ def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
     declared = origin(trial, columns[0]).get("factor", 1)
     turn = 2 * half_range(trial, "theta") if "theta" in trial.columns else math.inf
     changes: list[Change] = []
-    for unit in CONFUSED_UNITS[si_unit]:
+    for unit in LIMITS.confused_units[si_unit]:
         factor = si_factor(unit, si_unit) / declared
         turned = turn * factor if "theta" in columns else turn
         if turned > LIMITS.smallest_motion and not math.isclose(factor, 1):

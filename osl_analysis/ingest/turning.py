@@ -11,7 +11,7 @@ import numpy as np
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.recording import Channel, Recording
 from osl_analysis.base.trial import Array, unit_of
-from osl_analysis.base.units import si_factor
+from osl_analysis.base.units import in_si, normalised, si_factor
 from osl_analysis.draft.likelihood import kinds_of_words, parted_name
 from osl_analysis.draft.recorded_channel import likely_unit
 from osl_analysis.signals.agreement import turn_ratio, turns
@@ -65,11 +65,10 @@ def unit_of_turning(channel: Channel) -> tuple[str, float]:
     """The SI unit of an angle or a speed, by the unit that is stated or that the name tells, and
     its factor; empty for anything else."""
     unit = channel.unit or channel.likely_unit or likely_unit(channel.name)
-    for si_unit in TURNING:
-        factor = factor_or_nan(unit, si_unit)
-        if factor > 0:
-            return si_unit, factor
-    return "", 0.0
+    factor, si_unit = in_si(normalised(unit)) or (0.0, "")
+    if si_unit not in TURNING:
+        return "", 0.0
+    return si_unit, factor
 
 
 def factor_or_nan(unit: str, si_unit: str) -> float:

@@ -40,6 +40,9 @@ PRELOADED = [
     "osl_analysis.commands.fit",
     "osl_analysis.commands.tables",
     "osl_analysis.commands.figure",
+    "osl_analysis.figures.style",  # with matplotlib, which each worker would import that draws
+    "matplotlib.backends.backend_pdf",
+    "matplotlib.backends.backend_svg",
 ]
 """What workers share: the process from which they are forked imports it once."""
 IF_KILLED = (

@@ -101,14 +101,11 @@ def position_loop(
     curvature = 2.0 * (3.0 * mean - 2.0 * before - after) / step
     jerk = 6.0 * (before + after - 2.0 * mean) / step**2
     forced = transition[:, 2:] @ [angle[:-1], before, curvature, jerk]
-    # theta and omega, (2, n): from rest, of all that the command forces
-    followed = np.zeros((2, len(angle)))
-    for number, force in enumerate(forced):
-        both, poles = scipy.signal.ss2tf(
-            transition[:, :2], np.eye(2), np.eye(2), np.zeros((2, 2)), number
-        )
-        for numerator, of_force in zip(both, followed, strict=True):
-            of_force[1:] += scipy.signal.lfilter(numerator[1:], poles, force)
+    # theta and omega, (2, n): from rest, by (z - A)^-1 = (z - trace(A) + A) / det(z - A)
+    own = transition[:, :2]
+    driven = forced.copy()
+    driven[:, 1:] += (own - np.trace(own) * np.eye(2)) @ forced[:, :-1]
+    followed = np.pad(scipy.signal.lfilter([1.0], np.poly(own), driven), ((0, 0), (1, 0)))
     theta, omega = followed
     alpha = w**2 * (angle - theta) - 2 * damping_ratio * w * omega
     return JointMotion(command.theta[0] + theta, omega, alpha)

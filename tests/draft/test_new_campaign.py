@@ -19,7 +19,7 @@ from jsonschema import Draft202012Validator
 from log_builders import write_text
 
 from osl_analysis.base.files import shipped
-from osl_analysis.base.units import base_units, normalised
+from osl_analysis.base.units import in_si, normalised
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.new_campaign import left_to_decide, new_campaign, schemas
 from osl_analysis.commands.run import first_look, snakemake_arguments
@@ -307,9 +307,7 @@ UNITS_IN_NAMES = {
 def test_the_end_of_a_name_states_its_unit_in_any_spelling():
     for unit, names in UNITS_IN_NAMES.items():
         for name in names.split():
-            assert base_units(normalised(name_and_ending(name)[1])) == base_units(
-                normalised(unit)
-            ), name
+            assert in_si(normalised(name_and_ending(name)[1])) == in_si(normalised(unit)), name
     for name in [
         "theta_m",
         "mSec",

@@ -23,7 +23,7 @@ from osl_analysis.base.trial import Array
 
 SECOND_NS = 1_000_000_000
 EXPORTED = 0  # type of a plate whose force and moment were exported in the laboratory's axes
-MEASURED_BY_TYPE: Mapping[Any, Sequence[str]] = own_yaml(Path(__file__).with_name("plates.yaml"))
+MEASURED_BY_TYPE: Any = own_yaml(Path(__file__).with_name("plates.yaml"))
 """By type of plate, what its channels measure in SI units; those of type 4 when calibrated."""
 
 

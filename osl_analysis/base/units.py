@@ -18,13 +18,13 @@ from osl_analysis.base.errors import InputError, shortened
 from osl_analysis.base.files import own_yaml
 
 DATA = own_yaml(Path(__file__).with_name("units.yaml"))
-EXAMPLES: dict[str, dict[str, float]] = DATA["examples"]
-SI_UNITS: dict[str, str] = DATA["si_units"]
-LONG_TIMES: dict[str, float] = DATA["long_times"]
-ALIASES: dict[str, str] = DATA["aliases"]
-SIGNS: dict[str, str] = DATA["signs"]
+EXAMPLES = DATA["examples"]
+SI_UNITS = DATA["si_units"]
+LONG_TIMES = DATA["long_times"]
+ALIASES = DATA["aliases"]
+SIGNS = DATA["signs"]
 # By signal: factors between units, or between ways to state a current, that are often confused.
-UNIT_FACTORS: dict[str, dict[str, float]] = DATA["confused"]
+UNIT_FACTORS = DATA["confused"]
 # in any spelling: `N_cm`, `lbf-ft`, `ftlbs`; a pound and an ounce in a torque are forces
 TORQUE = re.compile(
     r"(?<![A-Za-z])(?:([mkcd]?N|k?gf)[*·_. -]?([cm]?m)"

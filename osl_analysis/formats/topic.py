@@ -30,7 +30,7 @@ from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Rows
 from osl_analysis.formats.message_layout import MOST_ELEMENTS, Layout, definition_of, rows_at
 from osl_analysis.formats.reading import is_of_file
 
-ROS_UNITS: dict[str, dict[str, str]] = own_yaml(Path(__file__).with_name("ros_units.yaml"))
+ROS_UNITS = own_yaml(Path(__file__).with_name("ros_units.yaml"))
 """Units of standard messages (REP 103) by the beginning of the field. They are likely and no more:
 a laboratory's effort may be a current, and a joint that slides has other ones."""
 MOST_FIELDS = 2000  # of objects; a robot has some hundred, and each is a column

@@ -101,10 +101,10 @@ def told_of_turns(
         how many times as far the motor's side turns as the column, the joint's angle.
     """
     turning = []
-    for column, in_si in columns.items():
+    for column, readings in columns.items():
         unit = unit_of(column)
         if unit in TURNING and "command" not in column:
-            turned = turns(time, in_si, unit == SPEED)
+            turned = turns(time, readings, unit == SPEED)
             turning.append(Turning(column, unit == SPEED, column.endswith("_m"), turned))
     for channel, readings in beside:
         unit, factor = unit_of_turning(channel)

@@ -187,8 +187,8 @@ LEGAL = {
         DECLARED, chunk(TEN, checksum=lambda _: 0), chunk(TWENTY)
     ),
     "private records": log(
-        PRIVATE + DECLARED + PRIVATE,
-        chunk(PRIVATE + TEN[: 3 * ONE_MESSAGE] + PRIVATE + TEN[3 * ONE_MESSAGE :]),
+        PRIVATE + chunk(SCHEMA) + DECLARED[len(SCHEMA) :] + PRIVATE,
+        chunk(TEN + PRIVATE),
         PRIVATE,
         chunk(TWENTY),
     ),
@@ -197,8 +197,10 @@ LEGAL = {
         TWENTY[5 * ONE_MESSAGE :],
     ),
     "a private record that holds messages, which are not of the log": log(
-        DECLARED,
-        chunk(TEN[:ONE_MESSAGE] + struct.pack("<BQ", 0x85, len(TEN)) + TEN + TEN[ONE_MESSAGE:]),
+        DECLARED,  # and is as long as ten messages
+        chunk(
+            TEN[:ONE_MESSAGE] + struct.pack("<BQ", 0x85, len(TEN[9:])) + TEN[9:] + TEN[ONE_MESSAGE:]
+        ),
         chunk(TWENTY),
     ),
 }  # fmt: skip

@@ -11,6 +11,8 @@ import json
 import re
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -153,12 +155,7 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
     in `read_table`."""
     check_analysed(path)
     try:
-        table = pl.read_csv(
-            content_of(path, name),
-            comment_prefix="#",
-            schema_overrides=dict.fromkeys(text_columns(), pl.String),
-            infer_schema_length=None,
-        )
+        table = typed_rows(content_of(path, name))
     except UNREADABLE as error:
         raise InputError(
             f"{path}: no such table", "run the step that writes it, or check the path"
@@ -176,6 +173,21 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
     return table.with_columns(
         column.cast(pl.Null) for column in table if column.null_count() == len(table)
     )
+
+
+FIRST_ROWS = 1000  # by which a table is typed: to ask all rows first takes five times as long
+
+
+def typed_rows(content: bytes) -> pl.DataFrame:
+    """The rows of a CSV. Its first ones tell the types, unless a number among the others
+    contradicts them, or a column may only begin without entries: it passes for text."""
+    types = dict.fromkeys(text_columns(), pl.String)
+    read = partial(pl.read_csv, content, comment_prefix="#", schema_overrides=types)
+    with suppress(pl.exceptions.PolarsError):
+        table = read(infer_schema_length=FIRST_ROWS)
+        if text_columns().issuperset(table.select(pl.col(pl.String)).columns):
+            return table
+    return read(infer_schema_length=None)
 
 
 def unquoted(table: pl.DataFrame) -> pl.DataFrame:

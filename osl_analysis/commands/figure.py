@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 MOST_REFUSED = 4  # refused trials below a figure; `excluded.csv` names all
 # metadata by format: without the time, equal numbers give equal files
-METADATA: dict[str, dict[str, None]] = {
+METADATA: Any = {
     ".pdf": {"CreationDate": None},
     ".svg": {"Date": None},
     ".png": {},

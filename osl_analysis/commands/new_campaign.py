@@ -7,7 +7,6 @@ import os
 import re
 import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -39,7 +38,7 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 SCHEMA_OF_SOURCES = "# yaml-language-server: $schema=../schemas/source.schema.json\n"
 
 Example = Literal["bench", "walking"]
-EXAMPLE_SOURCES: Mapping[Example, Sequence[str]] = {
+EXAMPLE_SOURCES = {
     "bench": ("dynamometer",),
     "walking": ("leg", "vicon"),
 }

@@ -11,9 +11,9 @@ from osl_analysis.figures import style
 from osl_analysis.stats.rounding import written
 
 DASHES = {"loading": "-", "unloading": "--"}
-TRIAL: dict[str, Any] = {"color": style.LIGHT_GREY, "zorder": 1, "label": "Trials"}
-DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "ls": ":", "label": "Doubtful fit"}
-MEAN_LINE: dict[str, Any] = {
+TRIAL: Any = {"color": style.LIGHT_GREY, "zorder": 1, "label": "Trials"}
+DOUBTFUL_TRIAL: Any = {"color": style.BLACK, "ls": ":", "label": "Doubtful fit"}
+MEAN_LINE: Any = {
     "color": style.MAGENTA,
     "linestyle": "--",
     "label": "Mean slope while loading",

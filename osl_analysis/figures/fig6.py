@@ -15,7 +15,7 @@ from osl_analysis.stats.repeats import counted
 from osl_analysis.stats.rounding import written
 
 LEAST_DRAWN = 1e-4  # smaller unexplained shares are drawn here [percent]
-MEDIAN_LINE: dict[str, Any] = {"color": style.BLACK, "zorder": 1}
+MEDIAN_LINE: Any = {"color": style.BLACK, "zorder": 1}
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:

@@ -10,7 +10,7 @@ import polars as pl
 from osl_analysis.figures import style
 
 WIDTHS = {"loading": 1.0, "unloading": 0.5}  # of curves [pt]
-DESIRED_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": "--", "label": "Desired"}
+DESIRED_LINE: Any = {"color": style.MAGENTA, "linestyle": "--", "label": "Desired"}
 MOST_CURVES = 16  # curves in the legend; of more, none is named
 
 

@@ -20,8 +20,8 @@ PANELS = {
     "response angle": "Isolated angle (deg)",
     "response torque": "Isolated torque (N·m)",
 }
-EACH: dict[str, Any] = {"color": style.LIGHT_GREY, "label": "Each perturbation"}
-DOUBTFUL_LINE: dict[str, Any] = {"color": style.BLACK, "linestyle": ":", "label": "Doubtful fit"}
+EACH: Any = {"color": style.LIGHT_GREY, "label": "Each perturbation"}
+DOUBTFUL_LINE: Any = {"color": style.BLACK, "linestyle": ":", "label": "Doubtful fit"}
 SHADED = "#FBF3D5"  # of the fitted window
 HATCHED = "#C4C4C4"  # of the baseline
 

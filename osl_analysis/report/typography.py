@@ -14,7 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from osl_analysis.base.files import own_yaml
 from osl_analysis.stats.rounding import significant
 
-TYPESET_SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
+TYPESET_SIGNS = own_yaml(Path(__file__).with_suffix(".yaml"))
 ANY_SIGN = re.compile("|".join(TYPESET_SIGNS))  # few of a page's numbers have one
 
 

@@ -62,7 +62,7 @@ def si_factor(unit: str, expected: str) -> float:
         spelling = spelling.lower()  # no siemens: `TIME(S)`
     if not spelling:
         raise InputError("the unit is empty", f"write one of {examples}")
-    factor, si_unit = in_si(spelling) or (math.nan, "")
+    factor, si_unit = in_si(spelling)
     # from that of ns to that of N*m/mdeg; others are misspellings such as `Mm` and `MN`
     if si_unit != expected or not 1e-9 <= factor <= 1e5:
         measured = f"{factor:g} {si_unit}" if si_unit else "unknown"
@@ -103,28 +103,29 @@ def torque_spelled(match: re.Match[str]) -> str:
 
 
 NAME = r"(?:[^\W\d_]\w{0,30}|°|%|‰|1)"  # of one unit within a product
+NO_UNIT = (0.0, "")
 
 
 @cache
-def in_si(spelling: str) -> tuple[float, str] | None:
-    """Factor to an SI unit, and this, a key of `EXAMPLES` or a product of base units; None if the
-    text is not a unit. `10*us` are ticks of 10 us."""
+def in_si(spelling: str) -> tuple[float, str]:
+    """Factor to an SI unit, and this, a key of `EXAMPLES` or a product of base units; 0 and empty
+    if the text is not a unit. `10*us` are ticks of 10 us."""
     for si_unit, factors in EXAMPLES.items():
         if spelling in factors:
             return factors[spelling], si_unit
     ticks = TICKS.fullmatch(spelling)
     if ticks:
-        of_tick = in_si(ticks[2])
-        return of_tick and (float(ticks[1]) * of_tick[0], of_tick[1])
+        of_tick, si_unit = in_si(ticks[2])
+        return float(ticks[1]) * of_tick, si_unit
     if not re.fullmatch(rf"{NAME}([*/]{NAME}){{,7}}", spelling):
-        return None
+        return NO_UNIT
     from pint import PintError, application_registry  # takes 0.3 s, once
 
     text = re.sub(NAME, name_for_pint, spelling)
     try:
         in_base_units = application_registry.Quantity(1.0, text).to_base_units()
     except (PintError, ValueError, AssertionError, TypeError):
-        return None
+        return NO_UNIT
     product = str(in_base_units.units)
     return float(in_base_units.magnitude), SI_UNITS.get(product, product)
 
@@ -137,7 +138,7 @@ def name_for_pint(match: re.Match[str]) -> str:
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit."""
-    return in_si(normalised(text)) is not None
+    return in_si(normalised(text)) != NO_UNIT
 
 
 def measures(expected: str) -> AfterValidator:

@@ -88,7 +88,7 @@ class RecordedChannel:
     @property
     def base(self) -> tuple[float, str]:
         """Factor of the stated or likely unit to an SI unit, and this; 0 and empty if unknown."""
-        return in_si(normalised(self.spelled_unit)) or (0.0, "")
+        return in_si(normalised(self.spelled_unit))
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def is_like_clock(name: str) -> bool:
 
 def is_of_time(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
-    return (in_si(normalised(unit)) or ("", ""))[1] == "s"
+    return in_si(normalised(unit))[1] == "s"
 
 
 def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], str]:

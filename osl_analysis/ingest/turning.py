@@ -65,10 +65,8 @@ def unit_of_turning(channel: Channel) -> tuple[str, float]:
     """The SI unit of an angle or a speed, by the unit that is stated or that the name tells, and
     its factor; empty for anything else."""
     unit = channel.unit or channel.likely_unit or likely_unit(channel.name)
-    factor, si_unit = in_si(normalised(unit)) or (0.0, "")
-    if si_unit not in TURNING:
-        return "", 0.0
-    return si_unit, factor
+    factor, si_unit = in_si(normalised(unit))
+    return (si_unit, factor) if si_unit in TURNING else ("", 0.0)
 
 
 def factor_or_nan(unit: str, si_unit: str) -> float:

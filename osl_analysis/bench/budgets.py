@@ -154,26 +154,34 @@ class WhatElse:
 
 def over_motion(found: WhatElse, name: str) -> list[Contribution]:
     """Half of the range of an estimate over the motion. Where most of it is a change of Eq. 15 from
-    the smallest to the largest amplitude, beyond noise, it has a name: a stiffening spring, or
-    backlash, raises K, and friction lowers K and B."""
+    the smallest to the largest amplitude, beyond noise, half of that change has a name: a
+    stiffening spring, or backlash, raises K, and friction lowers K and B. What the change leaves of
+    the range is a contribution of its own, so that the squares of both add up to that of half the
+    range."""
     if name not in found.ranges:
         return []
     low, high = found.ranges[name]
     half = (high - low) / 2
-    source = "amplitude"
     fits = found.analysis.fits
     labels = sorted(label for label in fits if isinstance(label, float))
+    named = []
     if name in QUANTITIES and len(labels) > 1:
         small, large = fits[labels[0]], fits[labels[-1]]
         change = large[name] - small[name]
         noise = np.hypot(small.half_width(name), large.half_width(name))
-        if abs(change) > max(noise, half):
-            if change < 0 and name != "I":
-                source = "friction"
-            elif name == "K":
-                source = "nonlinear_spring"
-    detail = "over amplitudes and frequencies"
-    return [Contribution(source, half, basis="measured", part="motion", detail=detail)]
+        lowers = change < 0 and name != "I"
+        if abs(change) > max(noise, half) and (lowers or name == "K"):
+            source = "friction" if lowers else "nonlinear_spring"
+            by_amplitude = over("from the smallest to the largest amplitude", source, change / 2)
+            named.append(by_amplitude)
+            half = np.sqrt(max(half**2 - by_amplitude.size**2, 0.0))
+    return [*named, over("over amplitudes and frequencies", "amplitude", half)]
+
+
+def over(detail: str, source: str, half: float) -> Contribution:
+    """Half of what an estimate changes over a part of the motion, which `detail` names."""
+    standard = float(abs(half))
+    return Contribution(source, standard, basis="measured", part="motion", detail=detail)
 
 
 def certain_lag(found: WhatElse, name: str) -> list[Contribution]:

@@ -209,9 +209,9 @@ def check_followed(
             f"the {segment} markers cannot be followed at {frames[occluded[0]]:.3f} s, in"
             f" {len(occluded)} frames of stance: fewer than three are seen, or they stand more than"
             f" {largest_residual_mm:g} mm (RMS) otherwise than in the static trial",
-            "correct exchanged labels in Nexus, of the static trial where all crossings fail, record"
-            " a static trial after they were put on again and name it in the column static, or"
-            " exclude the trial",
+            "correct exchanged labels in Nexus (if all crossings fail, those of the static trial),"
+            " record a static trial after they were put on again and name it in the column static,"
+            " or exclude the trial",
         )
 
 

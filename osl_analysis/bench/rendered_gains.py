@@ -212,7 +212,7 @@ class Leg:
             record.motion.theta, lambda s: s * self.turned(s), *stepped
         )
         slopes = dict(zip(self.fitted, (torques - self.torque) / SLOPE_ROUNDING, strict=True))
-        (slopes["T_m"],) = self.torques_for(friction_column(omega_m, record), self.turned)
+        slopes["T_m"] = self.torques_for(friction_column(omega_m, record), self.turned)[0]
         return {**slopes, **self.still}
 
     @cached_property

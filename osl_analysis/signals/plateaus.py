@@ -306,6 +306,8 @@ def standing_runs(
     rows = max(round(MEAN_S * time.size / np.ptp(time)), 1)
     smooth = scipy.ndimage.uniform_filter1d(followed, rows)
     quarter = np.rint(edges[:, :1] + np.diff(edges) * [0.5, 0.75]).astype(np.intp).ravel()
-    spans = np.maximum.reduceat(smooth, quarter) - np.minimum.reduceat(smooth, quarter)
-    noise = noise_of(followed) / np.sqrt(rows)
-    return edges[spans[::2] > max(least * np.ptp(followed), NOISE_SDS * noise)]
+    spans = (np.maximum.reduceat(smooth, quarter) - np.minimum.reduceat(smooth, quarter))[::2]
+    changes = spans > least * np.ptp(followed)
+    if changes.any():
+        changes &= spans > NOISE_SDS * noise_of(followed) / np.sqrt(rows)
+    return edges[changes]

@@ -108,11 +108,10 @@ def coulomb_fit(s: Sums, analysis: Analysis, is_certain: bool | None = None) -> 
             return DryFriction(s)
         fit = without_friction(s, model, smooth)
         sharp = sums_of(analysis.record, width=SHARP_WIDTH)
-        of_sharp = without_friction(sharp, model, friction_beside(sharp, model))
-        of_width = of_sharp.estimates - fit.estimates
+        of_sharp = without_friction(sharp, model, friction_beside(sharp, model)).estimates
     except IdentifiabilityError:
         return DryFriction(s, is_untold=True)
-    fit = with_errors_of(analysis, fit.with_known_error("friction_sign", of_width))
+    fit = with_errors_of(analysis, fit.with_known_error("friction_sign", of_sharp - fit.estimates))
     return DryFriction(s, fit, size=fit["T_C"])
 
 

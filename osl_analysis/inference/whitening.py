@@ -106,9 +106,9 @@ def whitening_gain(spectra: WorkingSpectra, signals: Spectrum) -> Array:
     signals : Spectrum (k + 1, f)
         Windowed columns of the rich model; the torque is last.
     """
-    rows = float(np.sum(spectra.window**2))
+    rows = np.sum(spectra.window**2)
     passed = rows * np.maximum(spectra.roll_off**2, LEAST_GAIN)
-    torque_variance = float(np.mean(np.abs(signals[-1]) ** 2)) / rows
+    torque_variance = np.mean(np.abs(signals[-1]) ** 2) / rows
     least = NOISE_ROUNDING * max(torque_variance, np.finfo(float).tiny)
     lines = max(round(COLOUR_BAND * spectra.padded_seconds), 1)
     gain = np.ones_like(spectra.frequency)

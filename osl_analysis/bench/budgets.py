@@ -180,8 +180,7 @@ def over_motion(found: WhatElse, name: str) -> list[Contribution]:
 
 def over(detail: str, source: str, half: float) -> Contribution:
     """Half of what an estimate changes over a part of the motion, which `detail` names."""
-    standard = float(abs(half))
-    return Contribution(source, standard, basis="measured", part="motion", detail=detail)
+    return Contribution(source, abs(float(half)), basis="measured", part="motion", detail=detail)
 
 
 def certain_lag(found: WhatElse, name: str) -> list[Contribution]:

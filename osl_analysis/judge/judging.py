@@ -223,10 +223,6 @@ def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[F
     for estimate in estimates:
         if estimate.verdict.rows:
             by_source.setdefault(estimate.verdict.name, []).append(estimate)
-    if len(by_source) > 1 and UNEXPLAINED in by_source:
-        # of a trial with a named cause it is what this leaves
-        left = by_source.pop(UNEXPLAINED)
-        max(by_source.values(), key=len).extend(left)
     found = []
     for source, doubted in by_source.items():
         name = fault.name if fault else source
@@ -254,9 +250,8 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
     left = []
     for estimate in doubted:
         verdict = estimate.verdict
-        if verdict.name == source:
-            details += [row.detail for row in verdict.rows if row.detail]
-            moved.append(estimate.moved(verdict.size))
+        details += [row.detail for row in verdict.rows if row.detail]
+        moved.append(estimate.moved(verdict.size))
         if source != UNEXPLAINED:
             rest = [each.size for each in estimate.budget.of_source(UNEXPLAINED)]
             left += [estimate.moved(size) for size in rest if size > verdict.limit]

@@ -135,8 +135,7 @@ def other_stamps(analysis: Analysis, name: str) -> list[Contribution]:
     lies between both, by a rectangular distribution."""
     if analysis.other is None or name not in analysis.other.whole.names:
         return []
-    moved = abs(analysis.other.whole[name] - analysis.whole[name])
-    bound = float(moved / np.sqrt(3))
+    bound = float(abs(analysis.other.whole[name] - analysis.whole[name]) / np.sqrt(3))
     return [Contribution("undecided_time_stamps", bound, basis="bound", part="fault")]
 
 
@@ -253,6 +252,7 @@ def with_other_contributions(found: WhatElse, own: Mapping[str, Budget]) -> dict
             without = WITHOUT_FRICTION[name]
             complete[without] = less.budget(name).plus(*over_motion(found, without), *common)
             half = abs(own[name].value - less[name]) / 2
-            friction = Contribution("friction", half, basis="measured", part="motion")
-            complete[name] = complete[name].plus(friction)
+            complete[name] = complete[name].plus(
+                Contribution("friction", half, basis="measured", part="motion")
+            )
     return complete

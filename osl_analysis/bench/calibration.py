@@ -177,7 +177,6 @@ def known_row(
             f" {high:.3g}) is certainly negative, as where the torque is late by what changes",
             "see that nothing slips or filters it, and record angle and torque by one device",
         )
-    middle_s = record.time[record.is_fitted()].mean()
     delay = error_to_state(fit, "lag_s")
     gain = error_to_state(fit, "gain")
     to_state = f"calibration: {{torque_gain: {gain:.2g}, delay: {delay:.2g}}}"
@@ -195,7 +194,9 @@ def known_row(
     row: Row = {
         "known_K": known.stiffness,
         "known_I": known.inertia,
-        "lag_at_start_s": fit["lag_s"] - counted["clock_drift"] * middle_s,
+        # the lag that is fitted is the mean over the fitted rows
+        "lag_at_start_s": fit["lag_s"]
+        - counted["clock_drift"] * record.time[record.is_fitted()].mean(),
         "certain_clock_drift_ppm": fit.beyond_interval("clock_drift_ppm"),
         "certain_lag_s": fit.beyond_interval("lag_s"),
         "certain_gain_error": fit.beyond_interval("gain", 1.0),

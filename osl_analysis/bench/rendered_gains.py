@@ -272,7 +272,7 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
 
     linear = fit_groups(leg.sums, leg.linear_model)
     residual = leg.residual.filtered_torque[rows]
-    explained = X[:, : len(leg.linear_model)] @ linear.estimates
+    unexplained = residual - X[:, : len(leg.linear_model)] @ linear.estimates
     of_friction = contributions_of_friction(leg, leg.moved_by(linear), X, residual, step)
     of_components = contributions_of_components(leg, X, rows, uncertainties)
     return RenderedGains(
@@ -280,7 +280,7 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
             name: rendered.budget(name).plus(*of_friction[name], *of_components[name])
             for name in rendered.names
         },
-        VAF=variance_accounted_for(record.filtered_torque[rows], residual - explained),
+        VAF=variance_accounted_for(record.filtered_torque[rows], unexplained),
     )
 
 
@@ -297,16 +297,20 @@ def contributions_of_friction(
     for part in parts_of(leg.residual, leg.sums):
         with suppress(IdentifiabilityError):
             legs.append(leg.moved_by(fit_groups(part, leg.model, EFFECTS_LIMIT)))
-    detail = "range over amplitudes, frequencies and friction"
     left = residual - X @ step.estimates
-    as_gains = replace(step, covariance=left @ left * np.linalg.inv(X.T @ X))
-    of_all = as_gains.derived(leg.impedance_slopes())
+    covariance = left @ left * np.linalg.inv(X.T @ X)
+    of_all = replace(step, covariance=covariance).derived(leg.impedance_slopes())
     found = {}
     for name in of_all.names:
         half = np.ptp([each.impedance()[name] for each in legs]) / 2
         share = INEXACTNESS / np.sqrt(3) * of_all.se(name)
         found[name] = [
-            Contribution("friction", half, basis="measured", detail=detail),
+            Contribution(
+                "friction",
+                half,
+                basis="measured",
+                detail="range over amplitudes, frequencies and friction",
+            ),
             Contribution("friction_shape", share, basis="assumed"),
         ]
     return found

@@ -17,7 +17,7 @@ import laboratory
 import numpy as np
 
 COLUMNS = ["trial", "group", "motion", "made_by", "seed", "K", "B", "I", "known", "cause"]
-SEEDS = (1, 2, 3)
+SEEDS = tuple(range(1, 9))
 
 
 def write(

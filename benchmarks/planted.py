@@ -541,7 +541,7 @@ CAUSES = [
         (
             "backlash",
             "backlash, speed or direction",
-            "K that rises most with amplitude",
+            "K that changes with amplitude",
             *FRICTION,
         ),
         "rad",
@@ -566,14 +566,14 @@ CAUSES = [
         "hardening spring",
         hardening_spring,
         2200.0,
-        ("K that rises most with amplitude",),
+        ("K that changes with amplitude",),
         "N*m/rad^3",
     ),
     Cause(
         "hardening spring, slow noise",
         hardening_spring,
         2200.0,
-        ("K that rises most with amplitude",),
+        ("K that changes with amplitude",),
         "N*m/rad^3",
         recorder=SLOW,
     ),
@@ -581,7 +581,7 @@ CAUSES = [
         "clipped torque",
         clipped,
         0.3,
-        ("clipped signal", "K that rises most with amplitude"),
+        ("clipped signal", "K that changes with amplitude"),
         "of the range",
     ),
     Cause(
@@ -595,7 +595,7 @@ CAUSES = [
         "K by direction",
         stiffness_by_direction,
         0.3,
-        ("backlash, speed or direction", "K that rises most with amplitude"),
+        ("backlash, speed or direction", "K that changes with amplitude"),
         "of K",
     ),
     Cause(

@@ -29,7 +29,7 @@ from osl_analysis.stats.budget import (
     own_size,
     unknown,
 )
-from osl_analysis.stats.linear_fit import FALSE_ALARM
+from osl_analysis.stats.linear_fit import FALSE_ALARM, LinearFit
 from osl_analysis.stats.rounding import significant
 
 VISCOELASTIC = "viscoelastic branch"
@@ -152,34 +152,39 @@ class WhatElse:
 
 
 def over_motion(found: WhatElse, name: str) -> list[Contribution]:
-    """Half of the range of an estimate over the motion. Where most of it is a change of Eq. 15 from
-    the smallest to the largest amplitude, beyond noise, half of that change has a name: a
-    stiffening spring, or backlash, raises K, and friction lowers K and B. What the change leaves of
-    the range is a contribution of its own, so that the squares of both add up to that of half the
-    range."""
+    """Half of the range of an estimate over the motion. Where most of it is a change from the
+    smallest to the largest amplitude, half of that change has a name, too: friction lowers B, and K
+    with it; a stiffening spring, or backlash, changes K alone."""
     if name not in found.ranges:
         return []
     low, high = found.ranges[name]
     half = (high - low) / 2
+    contributions = [over("over amplitudes and frequencies", "amplitude", half)]
     fits = found.analysis.fits
     labels = sorted(label for label in fits if isinstance(label, float))
-    named = []
-    if name in QUANTITIES and len(labels) > 1:
+    if name in ("K", "B") and len(labels) > 1:
         small, large = fits[labels[0]], fits[labels[-1]]
-        change = large[name] - small[name]
-        noise = np.hypot(small.half_width(name), large.half_width(name))
-        lowers = change < 0 and name != "I"
-        if abs(change) > max(noise, half) and (lowers or name == "K"):
-            source = "friction" if lowers else "nonlinear_spring"
-            by_amplitude = over("from the smallest to the largest amplitude", source, change / 2)
-            named.append(by_amplitude)
-            half = np.sqrt(max(half**2 - by_amplitude.size**2, 0.0))
-    return [*named, over("over amplitudes and frequencies", "amplitude", half)]
+        change = certain_change(small, large, name)
+        is_friction = change < 0 and certain_change(small, large, "B") < 0
+        if abs(change) > half and (is_friction or name == "K"):
+            source = "friction" if is_friction else "nonlinear_spring"
+            contributions.append(
+                over("from the smallest to the largest amplitude", source, change / 2)
+            )
+    return contributions
+
+
+def certain_change(small: LinearFit, large: LinearFit, name: str) -> float:
+    """By how much an estimate changes from the smallest to the largest amplitude; 0 within the
+    noise of both."""
+    change = large[name] - small[name]
+    noise = np.hypot(small.half_width(name), large.half_width(name))
+    return change if abs(change) > noise else 0.0
 
 
 def over(detail: str, source: str, half: float) -> Contribution:
     """Half of what an estimate changes over a part of the motion, which `detail` names."""
-    return Contribution(source, abs(float(half)), basis="measured", part="motion", detail=detail)
+    return Contribution(source, abs(half), basis="measured", part="motion", detail=detail)
 
 
 def certain_lag(found: WhatElse, name: str) -> list[Contribution]:
@@ -195,7 +200,7 @@ def certain_lag(found: WhatElse, name: str) -> list[Contribution]:
     by = whole["K"] * lag_s
     if name == "I":
         by = (whole["B"] + by / 2) * lag_s
-    detail = f"the torque lags the angle by {significant(1e3 * lag_s, 3)} ms"
+    detail = f"a lag of {significant(1e3 * lag_s, 3)} ms behind the angle"
     return [Contribution("late_torque", abs(by), basis="measured", part="fault", detail=detail)]
 
 
@@ -251,8 +256,8 @@ def with_other_contributions(found: WhatElse, own: Mapping[str, Budget]) -> dict
         if less:
             without = WITHOUT_FRICTION[name]
             complete[without] = less.budget(name).plus(*over_motion(found, without), *common)
-            half = abs(own[name].value - less[name]) / 2
+            half = (own[name].value - less[name]) / 2
             complete[name] = complete[name].plus(
-                Contribution("friction", half, basis="measured", part="motion")
+                over("with and without friction", "friction", half)
             )
     return complete

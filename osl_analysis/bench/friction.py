@@ -79,7 +79,7 @@ def coulomb_fit(s: Sums, analysis: Analysis, is_certain: bool | None = None) -> 
 
     A joint that mostly rests moves by steps between a few levels: each has the same speeds, at
     which friction and damping are one number, and at rest the velocity has no sign but that of
-    noise. Of a single amplitude there is no such fit: there, too, both are nearly one number.
+    noise.
 
     No recording shows over which velocity the sign changes: what a tenth of the width changes is
     taken for a standard uncertainty.

@@ -217,17 +217,17 @@ def of_spoiled(estimate: Judged, fault: KnownFinding) -> Judged:
 
 
 def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[Finding]:
-    """The doubts that budgets tell, by their source; `fault` is what a check of the recording
-    found, and names them."""
-    by_source: dict[str, list[Judged]] = {}
+    """The doubts that budgets tell, by their source, or all by `fault`, what a check of the
+    recording found."""
+    by_name: dict[str, list[Judged]] = {}
     for estimate in estimates:
         if estimate.verdict.rows:
-            by_source.setdefault(estimate.verdict.name, []).append(estimate)
+            name = fault.name if fault else estimate.verdict.name
+            by_name.setdefault(name, []).append(estimate)
     found = []
-    for source, doubted in by_source.items():
-        name = fault.name if fault else source
+    for name, doubted in by_name.items():
         evidence = [evidence_of(estimate, name) for estimate in doubted]
-        size = doubt_text(source, doubted)
+        size = doubt_text(name, doubted)
         found.append(of_estimates(name, Grade.DOUBTS, evidence, size))
     return found
 
@@ -250,7 +250,8 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
     left = []
     for estimate in doubted:
         verdict = estimate.verdict
-        details += [row.detail for row in verdict.rows if row.detail]
+        if verdict.name == source:  # else a failed check names the cause
+            details += [row.detail for row in verdict.rows if row.detail]
         moved.append(estimate.moved(verdict.size))
         if source != UNEXPLAINED:
             rest = [each.size for each in estimate.budget.of_source(UNEXPLAINED)]

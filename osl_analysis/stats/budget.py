@@ -176,8 +176,8 @@ class Budget:
 
     @property
     def half_range(self) -> float:
-        """What another motion would change."""
-        return math.hypot(*(each.size for each in self.of_parts("motion")))
+        """What another motion would change: the largest, as the others are shares of it."""
+        return max((each.size for each in self.of_parts("motion")), default=0.0)
 
     @property
     def unknown(self) -> list[Contribution]:

@@ -97,7 +97,7 @@ def fitted(cause: Cause, size: float, motion: str, seed: int, gains: bool) -> An
         return osl.fit(
             trial,
             desired=GAINS if gains else None,
-            config=ROOT / "config/config.yaml",
+            config=ROOT / "benchmarks/nothing_stated.yaml",
             parameters=device,
         )
     except osl.OslAnalysisError as error:

@@ -29,7 +29,7 @@ from osl_analysis.stats.budget import (
     own_size,
     unknown,
 )
-from osl_analysis.stats.linear_fit import FALSE_ALARM, LinearFit
+from osl_analysis.stats.linear_fit import FALSE_ALARM
 from osl_analysis.stats.rounding import significant
 
 VISCOELASTIC = "viscoelastic branch"
@@ -157,34 +157,26 @@ def over_motion(found: WhatElse, name: str) -> list[Contribution]:
     with it; a stiffening spring, or backlash, changes K alone."""
     if name not in found.ranges:
         return []
-    low, high = found.ranges[name]
-    half = (high - low) / 2
-    contributions = [over("over amplitudes and frequencies", "amplitude", half)]
+    half = float(np.ptp(found.ranges[name])) / 2
+    sizes = {"amplitude": half}  # over frequencies, too
     fits = found.analysis.fits
     labels = sorted(label for label in fits if isinstance(label, float))
-    if name in ("K", "B") and len(labels) > 1:
+    if len(labels) > 1:
         small, large = fits[labels[0]], fits[labels[-1]]
-        change = certain_change(small, large, name)
-        is_friction = change < 0 and certain_change(small, large, "B") < 0
+        changes = {}  # 0 within the noise of both
+        for each in ("K", "B"):
+            change = large[each] - small[each]
+            noise = np.hypot(small.half_width(each), large.half_width(each))
+            changes[each] = change if abs(change) > noise else 0.0
+        change = changes.get(name, 0.0)
+        is_friction = change < 0 and changes["B"] < 0
         if abs(change) > half and (is_friction or name == "K"):
             source = "friction" if is_friction else "nonlinear_spring"
-            contributions.append(
-                over("from the smallest to the largest amplitude", source, change / 2)
-            )
-    return contributions
-
-
-def certain_change(small: LinearFit, large: LinearFit, name: str) -> float:
-    """By how much an estimate changes from the smallest to the largest amplitude; 0 within the
-    noise of both."""
-    change = large[name] - small[name]
-    noise = np.hypot(small.half_width(name), large.half_width(name))
-    return change if abs(change) > noise else 0.0
-
-
-def over(detail: str, source: str, half: float) -> Contribution:
-    """Half of what an estimate changes over a part of the motion, which `detail` names."""
-    return Contribution(source, abs(half), basis="measured", part="motion", detail=detail)
+            sizes[source] = abs(change) / 2
+    return [
+        Contribution(source, size, basis="measured", part="motion")
+        for source, size in sizes.items()
+    ]
 
 
 def certain_lag(found: WhatElse, name: str) -> list[Contribution]:
@@ -256,8 +248,8 @@ def with_other_contributions(found: WhatElse, own: Mapping[str, Budget]) -> dict
         if less:
             without = WITHOUT_FRICTION[name]
             complete[without] = less.budget(name).plus(*over_motion(found, without), *common)
-            half = (own[name].value - less[name]) / 2
+            half = abs(own[name].value - less[name]) / 2
             complete[name] = complete[name].plus(
-                over("with and without friction", "friction", half)
+                Contribution("friction", half, basis="measured", part="motion")
             )
     return complete

@@ -198,7 +198,8 @@ class Budget:
 
     def columns(self, name: str) -> dict[str, Any]:
         """`name`, and the ends of its interval."""
-        values = (self.value, self.low, self.high)
+        half = self.half_width()
+        values = (self.value, self.value - half, self.value + half)
         return {f"{name}{end}": x for end, x in zip(INTERVAL_ENDS, values, strict=True)}
 
     def verdict(self, needed: float) -> Verdict:

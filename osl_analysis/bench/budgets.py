@@ -125,7 +125,7 @@ def alternatives(
         )
     if sum(each.probability for each in of_property) > LIKELY:
         found.append(of_property[0])
-    bound = min(float(joint.unexplained[k] / np.sqrt(3)), most)
+    bound = min(joint.unexplained[k] / np.sqrt(3), most)
     found.append(Contribution("unexplained_torque", bound, basis="bound", part="fault"))
     return found
 
@@ -157,7 +157,7 @@ def over_motion(found: WhatElse, name: str) -> list[Contribution]:
     with it; a stiffening spring, or backlash, changes K alone."""
     if name not in found.ranges:
         return []
-    half = float(np.ptp(found.ranges[name])) / 2
+    half = np.ptp(found.ranges[name]) / 2
     sizes = {"amplitude": half}  # over frequencies, too
     fits = found.analysis.fits
     labels = sorted(label for label in fits if isinstance(label, float))

@@ -240,9 +240,9 @@ def means_row(
         if n == 1:
             row |= {name: of_cycles[0], f"{name}_low": None, f"{name}_high": None}
         else:
-            own = scatter(of_cycles.std(ddof=1) / np.sqrt(n), n - 1.0)
-            shared = Contribution("bench", error, shared=True)
-            row |= Budget(of_cycles.mean(), (own, shared)).columns(name)
+            of_repeats = scatter(of_cycles.std(ddof=1) / np.sqrt(n), n - 1.0)
+            of_bench = Contribution("bench", error, shared=True)
+            row |= Budget(of_cycles.mean(), (of_repeats, of_bench)).columns(name)
     _, _, stored, returned, _ = means
     return {**row, "returned_share": returned / stored}
 

@@ -277,7 +277,9 @@ def _wanted_fields(source: MessageSource) -> dict[str, dict[str, None]]:
 def _messages_alike(content: bytes) -> NDArray[np.int64]:
     """Where the messages begin of a chunk that holds nothing but messages of one length, as of one
     topic; empty of another chunk. One by one they would take most of the time of reading."""
-    opcode, length = RECORD.unpack(content[: RECORD.size].rjust(RECORD.size, b"\0"))
+    if len(content) < RECORD.size:
+        return np.arange(0)
+    opcode, length = RECORD.unpack_from(content)
     size = RECORD.size + length
     if opcode != MESSAGES or length < MESSAGE_HEAD or len(content) % size:
         return np.arange(0)

@@ -102,10 +102,10 @@ def position_loop(
     jerk = 6.0 * (before + after - 2.0 * mean) / step**2
     forced = transition[:, 2:] @ [angle[:-1], before, curvature, jerk]
     # theta and omega, (2, n): from rest, by (z - A)^-1 = (z - trace(A) + A) / det(z - A)
-    own = transition[:, :2]
+    A = transition[:, :2]
     driven = forced.copy()
-    driven[:, 1:] += (own - np.trace(own) * np.eye(2)) @ forced[:, :-1]
-    followed = np.pad(scipy.signal.lfilter([1.0], np.poly(own), driven), ((0, 0), (1, 0)))
+    driven[:, 1:] += (A - np.trace(A) * np.eye(2)) @ forced[:, :-1]
+    followed = np.pad(scipy.signal.lfilter([1.0], np.poly(A), driven), ((0, 0), (1, 0)))
     theta, omega = followed
     alpha = w**2 * (angle - theta) - 2 * damping_ratio * w * omega
     return JointMotion(command.theta[0] + theta, omega, alpha)

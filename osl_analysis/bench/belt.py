@@ -216,9 +216,10 @@ def belt_table(belt: Analysis) -> dict[str, pl.DataFrame]:
     names = [name for name in ("K_s", "B_loading") if name in belt.model]
     budgets = belt.budgets("loading", *names)
     stiffening = 2 * of_square * peak / of_line
-    curved = abs(stiffening) * loading["K_s"] / 2  # half of the slopes' range
-    curvature = Contribution("nonlinear_spring", curved, basis="measured", part="motion")
-    budgets["K_s"] = budgets["K_s"].plus(curvature)
+    bent = abs(of_square) * peak  # half of the range of slopes, from rest to the peak
+    budgets["K_s"] = budgets["K_s"].plus(
+        Contribution("nonlinear_spring", bent, basis="measured", part="motion")
+    )
     row: Row = {
         "trial": record.name,
         "VAF": loading.vaf,

@@ -27,8 +27,8 @@ from osl_analysis.stats.linear_fit import LinearFit
 
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 SEARCH_ROUNDING = 1e-7  # s; a smaller step of a search ends it: the next is an eighth or less
-# of a search for a lag: each is an eighth of the one before or less, of most a hundredth
-MOST_LAG_STEPS = 10
+# of a search for a lag, of which each is half of the one before or less; of most an eighth
+MOST_LAG_STEPS = round(np.log2(LONGEST_LAG / SEARCH_ROUNDING))
 # half-widths [rad] of the slipping springs that model a belt's hysteresis, and friction of the
 # joint beyond the belt: bristles and seals
 WINDS = np.geomspace(1.5e-4, 1.5e-2, 5).tolist()

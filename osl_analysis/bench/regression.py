@@ -99,8 +99,8 @@ SLOW: Model = {"offset": "one", "drift": "ramp"}  # of a load cell
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", **SLOW}
 # Eq. 4 without a belt
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", **SLOW}
-# of the velocity [rad/s], over which Coulomb friction changes its sign: ten times the noise of 14
-# bits, and a tenth of it, since no recording shows the width
+# velocity [rad/s] of what rubs, a joint or its actuator, over which Coulomb friction changes its
+# sign: ten times the noise of 14 bits, and a tenth of it, since no recording shows the width
 SIGN_WIDTH = 1e-2
 SHARP_WIDTH = 1e-3
 BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step

@@ -24,7 +24,6 @@ SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its roun
 # errors where it turns, which read as friction: of 384 frictionless ones, 0.1 to 0.3 Hz, 12 and 14
 # bits, 19 have friction without, 10 with it
 SIZES_DRAWN = 0.1
-LEAST_REPEATED = 0.05  # share of the rounding that noise leaves, below which it is noise
 
 
 def rounding_torques(data: Whitened, impedance: Array) -> Array:
@@ -40,13 +39,13 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     Returns
     -------
     Array (draws, m)
-        Torques; one of 0 if noise of the angle hides its rounding, or no step is known.
+        Torques; one of 0 if no step is known.
     """
     spectra = data.spectra
     step = spectra.signals.encoder_step
     rate_hz = spectra.signals.rate_hz
     repeated = repeated_share(spectra.angle_noise, rate_hz, step) if step > 0 else 0.0
-    if repeated < LEAST_REPEATED:
+    if not repeated:
         return np.zeros((1, len(data.torque)))
 
     # without what is faster than its motion, as it was before it was read in whole steps

@@ -58,9 +58,9 @@ FEWEST_STEPS = 3.0
 # Angles over which friction builds up before it slides [rad]; bristles of 3e-5 to 1e-3 rad are
 # sums of these: docs/bench_validation.md
 FRICTION_WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)
-# Velocity over which sliding friction changes sign, if the velocity's noise is smaller [SD of
-# the velocity]; the next wider shape, five times as wide, is a column too
-SIGN_WIDTH = 0.01
+# Share of the velocity's SD over which sliding friction changes sign, if the velocity's noise is
+# smaller; the next wider shape, five times as wide, is a column too
+SIGN_SHARE = 0.01
 
 # Band of signals that are multiplied [bands], and at least [Hz]: products have two or three bands
 PRODUCT_BAND = (3.0, 20.0)
@@ -441,7 +441,7 @@ def friction_torques(spectra: Spectra) -> Array:
     """
     velocity = np.gradient(spectra.sliding, spectra.padded_seconds / spectra.product_rows)
     variance = spectra.angle_noise * (2 * np.pi) ** 2 * spectra.product_band_hz**3 / 3
-    usual = SIGN_WIDTH * velocity[spectra.inside].std()
+    usual = SIGN_SHARE * velocity[spectra.inside].std()
     width = max(usual, np.sqrt(variance), SPEED_ROUNDING)
     sliding = np.tanh(velocity / (width * np.array([[1.0], [WIDER]])))
     return np.vstack([sliding, slipping_springs(spectra.sliding, FRICTION_WINDS)])

@@ -36,7 +36,6 @@ IN_INTERVAL: tuple[Part, ...] = ("repeatability", "sensor", "bench")
 Basis = Literal["measured", "stated", "assumed", "bound", "weighed"]
 OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
     "encoder": ("sensor", "measured"),
-    "usual_error": ("sensor", "assumed"),
     "friction": ("bench", "measured"),
     "friction_sign": ("repeatability", "assumed"),
     "friction_shape": ("bench", "weighed"),

@@ -35,7 +35,7 @@ SMALLEST_SCALE = 0.75
 LARGEST_SCALE = 1 / SMALLEST_SCALE
 DRIFT_ORDERS = range(1, 9)
 SCALE_ROUNDING = 1e-6  # a smaller step of the search is rounding, and ends it
-SCALE_ROUNDS = 15
+SCALE_ROUNDS = round(-np.log2(SCALE_ROUNDING))  # of which each step is half of the one before
 
 
 @dataclass(frozen=True)

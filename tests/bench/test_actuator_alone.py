@@ -185,20 +185,6 @@ def with_pauses(trial, pause_s):
     return Trial(trial.name, trial.samples.with_columns(time=time))
 
 
-ALTERNATING = (1, -1, 2, -2, 3, -3, 4, -4, 5, -5)
-
-
-def test_pauses_of_the_logger_between_plateaus_change_nothing():
-    whole = actuator_trial(staircase(3, ALTERNATING, between=0.0), ANALYSIS).whole
-
-    parted = actuator_trial(with_pauses(staircase(3, ALTERNATING, between=0.0), 86.0), ANALYSIS)
-
-    assert parted.whole["k_tau_n_m"] == pytest.approx(whole["k_tau_n_m"], rel=2e-3)
-    interval = whole.interval("k_tau_n_m")
-    assert parted.whole.interval("k_tau_n_m") == pytest.approx(interval, rel=1e-3)
-    assert parted.record.time[-1] == pytest.approx(10 + 9 * 86, abs=0.3)  # the log's own clock
-
-
 def test_a_current_that_was_off_in_the_pauses_comes_from_zero():
     """Down again from 4 A, friction lags as on the way up: as if it came from 4 A, it would be
     averaged away."""

@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """How K, B and I change over the amplitudes and frequencies of a motion."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import polars as pl
 import pytest
 from any_motion import made_trial, noise
-from bench_synthetic import FIVE, stepped_sine
+from bench_synthetic import FIVE, stepped_sine, table_of
 from conftest import least_squares_alone
 from shipped import CONFIG
 
 from osl_analysis.base.trial import Trial
-from osl_analysis.bench.evidence import impedance_table
-from osl_analysis.bench.impedance import rendered_impedance
+from osl_analysis.bench.budgets import WhatElse, over_motion
+from osl_analysis.bench.friction import DryFriction
+from osl_analysis.bench.lags import Belt
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
+from osl_analysis.stats.linear_fit import LinearFit
 
 pytestmark = least_squares_alone
 
@@ -27,7 +31,7 @@ def faster_is_stiffer(motion):
 def test_the_range_is_over_amplitudes_and_both_parts_of_the_band():
     """By NumPy's least squares on the rows of each part."""
     record = stepped_sine(faster_is_stiffer, protocol=FIVE)
-    row = impedance_table(rendered_impedance(record))["impedance"].row(-1, named=True)
+    row = table_of(record).row(-1, named=True)
     groups = record.groups
     hz = np.array([stratum.frequency_hz for stratum in groups.strata])[groups.stratum]
     labels = {stratum.label for stratum in groups.strata}
@@ -63,8 +67,7 @@ def test_the_range_of_a_motion_without_sines_is_over_its_blocks_and_its_band(hal
     more = (3e4 * theta**3, 20 * np.abs(omega) * theta)[half]
     trial = Trial("made", trial.samples.with_columns(torque=pl.col("torque") + more))
 
-    analysis = rendered_impedance(record_of_trial(trial, CONFIG.dynamometer))
-    row = impedance_table(analysis)["impedance"].row(-1, named=True)
+    row = table_of(record_of_trial(trial, CONFIG.dynamometer)).row(-1, named=True)
 
     assert row["K_range_high"] - row["K_range_low"] > 1.2 * (row["K_high"] - row["K_low"])
     assert row["K_range_low"] < row["K"] < row["K_range_high"]
@@ -79,8 +82,7 @@ def test_a_person_s_lean_is_in_the_range_as_little_as_in_the_estimate():
     leant = Trial("leant", trial.samples.with_columns(torque=pl.col("torque") + lean))
 
     upright_row, leant_row = (
-        impedance_table(rendered_impedance(record_of_trial(each, CONFIG.dynamometer)))["impedance"]
-        for each in (trial, leant)
+        table_of(record_of_trial(each, CONFIG.dynamometer)) for each in (trial, leant)
     )
 
     for name in ("I_range_low", "I_range_high"):
@@ -93,6 +95,31 @@ def test_one_amplitude_of_two_sines_has_no_range():
         protocol=SteppedSineProtocol((0.1,), (1.0, 3.0), 9),
     )
 
-    row = impedance_table(rendered_impedance(record))["impedance"].row(-1, named=True)
+    row = table_of(record).row(-1, named=True)
 
     assert row["K_range_low"] is None
+
+
+def of_amplitude(K, B):
+    """A fit whose half-widths are 0.02."""
+    estimates = np.array([K, B])
+    freedom = np.full(2, 9.0)
+    return LinearFit(("K", "B"), estimates, 1e-4 * np.eye(2), 100.0, "repeats", freedom)
+
+
+@pytest.mark.parametrize(("changes", "names"), [
+    ({"K": -4.0, "B": -1.0}, {"K": "friction", "B": "friction"}),
+    ({"K": 4.0, "B": -1.0}, {"K": "nonlinear_spring", "B": "friction"}),
+    ({"K": -4.0, "B": 1.0}, {"K": "nonlinear_spring"}),
+    ({"K": -4.0, "B": -0.02}, {"K": "nonlinear_spring"}),  # B within its noise
+])  # fmt: skip
+def test_half_of_a_range_over_amplitudes_is_friction_s_or_a_spring_s(changes, names):
+    large = of_amplitude(100 + changes["K"], 5 + changes["B"])
+    analysis = SimpleNamespace(fits={4.0: large, 2.0: of_amplitude(100.0, 5.0), None: large})
+    ranges = {name: (0.0, abs(change)) for name, change in changes.items()}
+    found = WhatElse(analysis, Belt(), None, DryFriction(None), ranges, False)
+
+    for name, change in changes.items():
+        sizes = {row.source: row.standard for row in over_motion(found, name)}
+        half = abs(change) / 2
+        assert sizes == {"amplitude": half} | ({names[name]: half} if name in names else {})

@@ -111,6 +111,22 @@ def test_a_belt_tells_what_a_straight_line_leaves_out():
     assert rubbing["energy_lost"] == pytest.approx(2 * 0.5 / (685 * 0.0873 / 2), rel=1e-3)
     assert rubbing["hysteresis_area"] == pytest.approx(2 * 0.5 * 0.0873, rel=1e-3)
     assert stiffening["stiffening"] == pytest.approx(2 * 14913 * 0.0873 / 876, rel=1e-6)
+    (half,) = belt_fits.belt_table(belts[1])["budget"].filter(part="motion")["standard"]
+    assert half == pytest.approx(14913 * 0.0873, rel=1e-6)
+
+
+def test_where_loading_begins_moves_the_slope_of_a_bent_belt_as_its_budget_says():
+    """A line through K x + c x^2 between a and b has the slope K + c (a + b)."""
+    ramp = np.clip(np.linspace(-0.5, 10.5, 5501), 0, 10)
+    theta = 0.1 * np.minimum(ramp, 10 - ramp)
+    samples = {"time": np.arange(5501) / RATE, "theta": theta, "theta_m": 0.0}
+    bent = pl.DataFrame(samples | {"torque": 600 * theta + 100 * theta**2})
+
+    belt = belt_fits.belt_trial(Trial("b", bent), None, BeltAnalysis(cutoff_hz=15, order=4))
+
+    (begins,) = belt.whole.budget("K_s").of_source("loading_begins")
+    moved = 100 * 0.5 * (2 - 1 / 2) * belt_fits.LOADED_SHARE
+    assert begins.standard == pytest.approx(moved / 2, rel=0.1)
 
 
 def test_cycles_of_a_belt_count_alike_and_its_loop_is_that_of_one():
@@ -147,17 +163,9 @@ def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope():
 
 
 def losses(torque_of):
-    """The rows of the transmission table of a torque."""
-    return transmission_table(analysed(stepped_sine(torque_of), TRANSMISSION))[
-        "transmission"
-    ].to_dicts()
-
-
-@least_squares_alone
-@pytest.mark.parametrize(("B_j", "J_j", "offset"), [(0.45, 0.005, 0.0), (0.2, 0.02, -3.0)])
-def test_recovers_the_losses_of_the_transmission(B_j, J_j, offset):
-    row = losses(lambda m: B_j * m.omega + J_j * m.alpha + offset)[-1]
-    assert (row["B_j"], row["J_j"]) == pytest.approx((B_j, J_j), rel=1e-4)
+    """The last row of the transmission table of a torque, and the rows of its budget."""
+    tables = transmission_table(analysed(stepped_sine(torque_of), TRANSMISSION))
+    return tables["transmission"].row(-1, named=True), tables["budget"]
 
 
 def test_a_late_torque_of_a_transmission_is_found_with_the_inertia_that_it_hides():
@@ -178,10 +186,23 @@ def test_a_late_torque_of_a_transmission_is_found_with_the_inertia_that_it_hides
 
 @least_squares_alone
 def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction():
-    smooth = losses(lambda m: 0.45 * m.omega + 0.005 * m.alpha)
-    rough = losses(lambda m: 0.3 * m.omega + 0.005 * m.alpha + 0.15 * np.tanh(m.omega / 0.01))
-    assert smooth[-1]["B_j_viscous"] == pytest.approx(smooth[-1]["B_j"])
-    row = rough[-1]
+    smooth, _ = losses(lambda m: 0.45 * m.omega + 0.005 * m.alpha - 3.0)
+    row, budget = losses(lambda m: 0.3 * m.omega + 0.005 * m.alpha + 0.15 * np.tanh(m.omega / 0.01))
+    (half,) = budget.filter(estimate="B_j", part="motion")["standard"]
+    assert 2 * half == pytest.approx(row["B_j"] - row["B_j_viscous"])
+    assert (smooth["B_j"], smooth["J_j"]) == pytest.approx((0.45, 0.005), rel=1e-4)
+    assert smooth["B_j_viscous"] == pytest.approx(0.45, rel=1e-4)
     assert row["B_j_viscous"] == pytest.approx(0.3, abs=0.03)
     assert row["T_C"] == pytest.approx(0.15, rel=0.02)
     assert row["B_j_viscous_low"] < 0.3 < row["B_j_viscous_high"] < row["B_j"]
+
+
+@least_squares_alone
+def test_a_weight_and_a_delay_change_the_inertia_as_its_budget_says():
+    """Without the weight it is that of the torque; exp(-s d) (B s + J s^2) has B d less."""
+    row, budget = losses(lambda m: 0.45 * m.omega + 0.005 * m.alpha + 0.2 * m.theta)
+
+    own = budget.filter(estimate="J_j")
+    (half,) = own.filter(part="motion")["standard"]
+    assert 2 * half == pytest.approx(abs(row["J_j"] - 0.005), rel=1e-3)
+    assert own.filter(source="late_torque")["per"].item() == "0.00045 kg*m^2 per ms"

@@ -19,6 +19,7 @@ from bench_synthetic import (
 )
 from conftest import findings_of, half_width, marked, refused_with, white_noise
 from scipy.interpolate import CubicSpline
+from scipy.stats import uniform
 from shipped import CONFIG
 
 from osl_analysis.base.trial import Trial
@@ -29,10 +30,10 @@ from osl_analysis.bench.bench_settings import (
     Calibration,
     Fixture,
 )
-from osl_analysis.bench.calibration import with_fixture
+from osl_analysis.bench.calibration import SPRING_LOSS, with_fixture
 from osl_analysis.bench.friction import coulomb_fit
 from osl_analysis.bench.impedance import analysed
-from osl_analysis.bench.regression import IMPEDANCE, sums_of
+from osl_analysis.bench.regression import IMPEDANCE, SHARP_WIDTH, sums_of
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.judge.finding import finding_text
 from osl_analysis.signals.filters import LowPass, differentiate
@@ -123,6 +124,15 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     assert more[2] < 0.1 * fit_of(record, hysteresis=0.02).budget("B").se_bench
 
 
+def test_friction_that_turns_in_a_tenth_of_the_width_is_off_by_its_standard_error():
+    sharp = stepped_sine(lambda m: second_order(m) + np.tanh(m.omega / SHARP_WIDTH), 1e-4, FIVE)
+
+    fit = coulomb_fit(sums_of(sharp), analysed(sharp, IMPEDANCE)).without
+
+    (error,) = fit.budget("B").of_source("friction_sign")
+    assert error.standard == pytest.approx(abs(fit["B"] - 4), rel=0.1)
+
+
 THETA_S, BELT_TORQUE = belt_cycle()
 
 
@@ -158,9 +168,14 @@ def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed
     return replace(made_trial(rng, motion, bits=14, late=late_s, **joint), name="spring")
 
 
-def calibrated(trial, bench=CONFIG.dynamometer, **known):
+def estimates_of(trial, bench=CONFIG.dynamometer, **known):
+    """The tables of a calibration, by name."""
     config = CONFIG.model_copy(update={"dynamometer": bench})
-    table = run_fit("calibration", trial, None, config, known).estimates["calibration"]
+    return run_fit("calibration", trial, None, config, known).estimates
+
+
+def calibrated(trial, bench=CONFIG.dynamometer, **known):
+    table = estimates_of(trial, bench, **known)["calibration"]
     return marked(table, CONFIG.doubtful.of("calibration"), "calibration").row(0, named=True)
 
 
@@ -175,9 +190,25 @@ def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
     assert yaml.safe_load(row["to_state"])["calibration"]["delay"] == pytest.approx(
         standard_error(row, "lag_s"), rel=0.05
     )
-    loose = calibrated(spring(1e-3, 1.02), known_K=300.0, known_I=0.003, known_percent=1.0)
-    assert loose["inertia"] == pytest.approx(row["inertia"] - 0.003)
-    assert standard_error(loose, "gain") == pytest.approx(0.01 * 1.02, rel=1e-3)
+
+
+def test_what_is_known_badly_and_what_a_spring_loses_are_in_the_budget():
+    """A loss is a phase at most, in the middle of 0.5 and 6 Hz."""
+    known = {"known_K": 300.0, "known_I": 0.003, "known_percent": 1.0}
+    tables = estimates_of(spring(1e-3, 1.02), **known)
+    row = tables["calibration"].row(0, named=True)
+    rows = tables["budget"].select("estimate", "source", "standard").rows()
+    sizes = {(name, source): size for name, source, size in rows}
+    phase = uniform(-SPRING_LOSS, 2 * SPRING_LOSS).std()
+
+    assert tables["budget"].filter(source="known_part")["freedom"].null_count() == 2
+    assert row["inertia"] == pytest.approx(0.004 - 0.003, rel=0.05)
+    for name in ("gain", "inertia"):
+        assert sizes[name, "known_part"] == pytest.approx(0.01 * row[name])
+    lag_s = phase / (2 * np.pi * np.sqrt(0.5 * 6))
+    assert sizes["lag_s", "spring_loss"] == pytest.approx(
+        lag_s, rel=0.2
+    )  # of the band that is found
 
 
 def test_a_gain_that_a_fixture_s_weight_explains_asks_for_the_fixture_first():

@@ -51,10 +51,6 @@ def test_coulomb_friction_is_named_and_has_its_size():
     *single, whole = table.to_dicts()
     assert {row["B_viscous"] for row in single} == {None}  # one amplitude hardly tells it
     assert whole["f_C"] == pytest.approx(0.8, rel=0.01)
-    assert whole["B_viscous"] == pytest.approx(4, abs=0.05)
-    assert whole["B_viscous_low"] < 4 < whole["B_viscous_high"]
-    assert whole["K_without_friction"] == pytest.approx(200, rel=1e-3)
-    assert whole["I_without_friction"] == pytest.approx(0.05, rel=0.01)
     assert whole["doubtful"] is None
     assert "friction" in whole["remarks"].split("; ")  # above 5 % of B
 

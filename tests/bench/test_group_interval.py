@@ -64,14 +64,14 @@ def test_what_does_not_repeat_itself_is_left_out_one_at_a_time():
 @pytest.mark.parametrize("single", [False, True])
 def test_what_repeats_itself_has_the_spread_of_its_noise_alone(single):
     """What differs between strata alone is lack of fit. A group alone scatters as the others do."""
-    strata = [5, 5, 5, 1] if single else [5, 5, 5, 5]
-    stratum = np.repeat(np.arange(4), strata)
+    strata = [5, 5, *[1] * 10] if single else [5, 5, 5, 5]
+    stratum = np.repeat(np.arange(len(strata)), strata)
     first = 10.0 * np.arange(len(stratum))
-    groups = Groups("cycles", first, first + 10, stratum, (Stratum(frequency_hz=1.0),) * 4)
+    groups = Groups("cycles", first, first + 10, stratum, (Stratum(frequency_hz=1.0),) * 12)
     found = []
     standard_errors = []
     for seed in range(300):
-        lack_of_fit = np.array([-5.0, 2.0, 0.0, 3.0])[stratum]
+        lack_of_fit = np.array([-5.0, 2.0, 0.0, 3.0])[stratum % 4]
         rng = np.random.default_rng(7)  # the same motion
         x = np.tile(rng.standard_normal(10), len(stratum))
         noise = np.random.default_rng(seed).standard_normal(len(x))

@@ -70,7 +70,7 @@ def trial_of_steps(steps):
 def table_of_steps(*steps):
     trial = trial_of_steps([(*step, 1.0) for step in steps])
     record = record_of_trial(trial, sine_settings(None, None))
-    return impedance_table(rendered_impedance(record))["impedance"]
+    return bench_synthetic.table_of(record)
 
 
 @least_squares_alone
@@ -98,7 +98,7 @@ def test_amplitudes_that_nest_in_frequencies_are_fitted_alone():
     degrees = [round(np.rad2deg(a), 9) for a in PROTOCOL.amplitudes]
 
     record = record_of_trial(trial_of_steps(steps), sine_settings(degrees, (1, 3, 5), 9))
-    table = impedance_table(rendered_impedance(record))["impedance"]
+    table = bench_synthetic.table_of(record)
 
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
 

@@ -11,6 +11,7 @@ import pytest
 from any_motion import TRUE, binary_steps, made_trial, noise
 from conftest import findings_on, joint_trial, least_squares_alone
 from scipy.ndimage import gaussian_filter1d
+from scipy.stats import uniform
 from shipped import CONFIG
 
 from osl_analysis.bench.bench_settings import Calibration
@@ -192,6 +193,38 @@ def test_a_known_spring_takes_the_models_of_the_path_out():
     calibrated = replace(record, settings=record.settings.model_copy(update={"calibration": known}))
 
     assert causes_of(tables_of(calibrated)) == []
+
+
+def test_what_a_candidate_model_changes_is_a_size_half_of_a_range_or_a_bound():
+    change = np.full(3, 6.0)
+    models = [
+        Alternative(family, name, 0.6, change)
+        for family, name in (("path", "delay"), ("size", "nonlinear spring"))
+    ]
+
+    rows = alternatives(ImpedanceInference({}, 0.0, models, change), (), 0, 300.0)
+
+    assert {row.source: row.standard for row in rows} == {
+        "torque_path": 6.0,
+        "nonlinear_spring": 3.0,
+        "unexplained_torque": pytest.approx(uniform(-6, 12).std()),
+    }
+
+
+def test_what_nobody_checked_changes_an_estimate_by_so_much_per_unit():
+    """Eq. 15 times exp(-s d), times a gain, by a faster clock, and beside a spring and a mass."""
+    Z = np.array([*TRUE.values()])
+    budget = sound_tables("exact")["budget"]
+
+    for source, change in {
+        "late_torque": Z - np.convolve(Z, [1, -1e-3])[:3],
+        "wrong_gain": 0.01 * Z,
+        "clocks_disagree": Z * (1.01 ** np.arange(3) - 1),
+        "fixture_inertia": np.array([1, 0, 1]),
+    }.items():
+        rows = budget.filter(source=source).select("estimate", pl.col("per").str.extract(r"(\S+)"))
+        told = {name: float(size) for name, size in rows.rows()}
+        assert [told.get(name, 0.0) for name in TRUE] == pytest.approx(change, rel=0.05), source
 
 
 # ---- what is known of the bench

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 import scipy
 from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
-from bench_synthetic import unit_sines
+from bench_synthetic import table_of, unit_sines
 from conftest import half_width, least_squares_alone, refused_with, white_noise
 from scipy.ndimage import gaussian_filter1d
 from shipped import CONFIG
@@ -44,7 +44,7 @@ def moving_record(trial, windows=None, **settings):
 
 def row_of(trial, windows=None, **settings):
     record = moving_record(trial, windows, **{"excitation": "auto", **settings})
-    return impedance_table(rendered_impedance(record))["impedance"].to_dicts()[0]
+    return table_of(record).row(0, named=True)
 
 
 def smoothed(angle, sd_s, rate=RATE):
@@ -340,7 +340,7 @@ def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words)
     motion = angle(time), 0 * time, 0 * time
     trial = made_trial(np.random.default_rng(1), (time, motion), B=0.0, I=0.0)
     with pytest.raises((IdentifiabilityError, InputError), match=words):
-        impedance_table(rendered_impedance(record_of_trial(trial, SETTINGS)))["impedance"]
+        table_of(record_of_trial(trial, SETTINGS))
 
 
 @pytest.mark.parametrize(("motion", "words"), [

@@ -94,11 +94,10 @@ def test_what_is_wrong_in_a_file_is_told_by_line_field_value_and_remedy(tmp_path
 
 NINE = range(1, 10)
 ALIASES = "a0: &a0 [x]\n" + "".join(f"a{n}: &a{n} [{f'*a{n - 1}, ' * 9}]\n" for n in NINE)
-MERGED = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n}\n  <<: [{f'*a{n - 1}, ' * 9}]\n" for n in NINE)
 
 
 @pytest.mark.parametrize("text", [
-    ALIASES, MERGED, "a: &a [*a]", f"a: [{'1,' * 200_000}]",
+    ALIASES, "a: &a [*a]", f"a: [{'1,' * 200_000}]",
 ])  # fmt: skip
 def test_yaml_of_more_values_than_any_file_has_is_refused_within_a_second(tmp_path, text):
     bag = tmp_path / "bag"

@@ -84,6 +84,17 @@ def test_an_angle_that_stands_and_a_torque_of_noise_are_no_signals():
     assert not any(entry.is_comment for entry in entries_of(guesses))
 
 
+def test_a_torque_whose_reading_tells_a_third_of_the_next_is_a_signal():
+    noise = white_noise(501, 2)
+    numbers = noise[1:] + noise[:-1] / 3  # a correlation of 0.3
+
+    (torque,) = guessed_columns(
+        [RecordedChannel("column", {"column": "torque"}, "N*m", numbers=numbers)]
+    )
+
+    assert not torque.why_not
+
+
 @pytest.mark.parametrize(("torque", "sign"), [
     (READS["torque"], 1), (-READS["torque"], -1), (-READS["velocity"], 0),
     (0.05 * READS["velocity"] - READS["theta"], 0),

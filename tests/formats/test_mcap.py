@@ -192,6 +192,7 @@ LEGAL = {
         PRIVATE,
         chunk(TWENTY),
     ),
+    "a chunk without a record": log(DECLARED, chunk(b""), chunk(TEN + TWENTY)),
     "messages outside of chunks": log(
         DECLARED, chunk(TEN), INDEX, TWENTY[: 5 * ONE_MESSAGE], PRIVATE,
         TWENTY[5 * ONE_MESSAGE :],
@@ -213,7 +214,10 @@ def test_a_legal_log_is_read_as_by_the_official_reader(tmp_path, content):
         for *_, one in NonSeekingReader(BytesIO(content)).iter_messages()
     ]
 
-    assert column(read(tmp_path, content), "a") == official == list(range(20))
+    recording = read(tmp_path, content)
+
+    assert column(recording, "a") == official == list(range(20))
+    assert recording.facts["chunks_lost"] == 0
 
 
 @pytest.mark.parametrize("offset", [0, 20])

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_synthetic import table_of
 from conftest import half_width
 from shipped import CONFIG
 from shipped import LEG as P
 
 import osl_analysis as osl
-from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.friction import actuator_of_leg
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
@@ -57,7 +57,7 @@ def test_without_compensation_the_impedance_of_the_linear_leg_is_held(record):
     filtered = record.settings.low_pass(torque, record.rate_hz)
     true = rendered_impedance(replace(record, torque=torque, filtered_torque=filtered)).whole
 
-    row = impedance_table(rendered_impedance(record))["impedance"].row(-1, named=True)
+    row = table_of(record).row(-1, named=True)
 
     for name, column in {"K": "K_without_friction", "B": "B_viscous"}.items():
         assert row[f"{column}_low"] < true[name] < row[f"{column}_high"]

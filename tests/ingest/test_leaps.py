@@ -13,7 +13,6 @@ RATE_HZ = 200.0
 TIME = np.arange(ROWS) / RATE_HZ
 NOISE = white_noise((2, ROWS), 3)
 OMEGA = 2 * np.pi * 5.0  # rad/s; second differences of this motion are large, third ones small
-THETA = 0.1 * np.sin(OMEGA * TIME) + 1e-5 * NOISE[0]  # rad
 TORQUE = 30.0 * np.cos(OMEGA * TIME) + 0.01 * NOISE[1]  # N*m
 USUAL_BEND = np.quantile(np.abs(np.diff(TORQUE, 3)), 0.99)  # N*m
 BESIDE_GAP = np.delete(np.arange(ROWS), np.arange(700, 730))
@@ -34,12 +33,8 @@ SOUND = {
     "flickering at rest": np.where(NOISE[0] > 2.0, 0.1, 0.0),
     "white noise": NOISE[0],
     "coarse encoder": np.round(20 * np.sin(TIME)) / 20,
-    "triangle": np.abs(TIME % 1.0 - 0.5) + 1e-4 * NOISE[0],
     "ramps that begin between two samples": np.clip(TIME - 2.0013, 0, 1)
     - np.clip(TIME - 6.0032, 0, 1),
-    "slow ramps that turn smoothly": np.convolve(
-        np.abs((np.arange(ROWS + 8) / RATE_HZ) % 10.0 - 5.0), np.hanning(11)[1:-1] / 5.0, "valid"
-    ),
     "too few samples": changed(TORQUE, 150, 1e6)[:300],
 }
 
@@ -64,7 +59,6 @@ LEAPS = {
         [3.5],
     ),
     "a block of zeros": (TIME, changed(TORQUE, slice(700, 760), 0.0), BORDERS),
-    "a block of another place": (TIME, changed(THETA, slice(700, 760), THETA[990:1050]), BORDERS),
     "stamps that scatter": (
         SCATTERED,
         changed(TORQUE, [700, 760], TORQUE[[700, 760]] + 9),

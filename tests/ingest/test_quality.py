@@ -208,14 +208,12 @@ STOOD_ON = 800 + white_noise(2000, 1)
     ("stuck", STILL, "static", None, NOT_JUDGED),
     ("encoder_wrap", bench(ANGLE + 2 * np.pi * AWAY), "impedance", 2.0, "theta"),
     ("encoder_wrap", bench(ANGLE + 360 * AWAY), "impedance", 2.0, "theta"),
-    ("encoder_wrap", bench(theta_m=ANGLE + 2 * np.pi * AWAY), "belt", 2.0, "theta_m"),
     ("gap", bench().filter(pl.col("time") != 1.0), "impedance", 0.001, None),  # of one sample
     ("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), "walking", 62.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 50.0 * (np.arange(2000) >= 1600)),
      "walking", 2.0, None),
     # somebody stands there
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),
-    ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=-STOOD_ON), "static", 800.0, None),
     ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN)), "walking", 60 / 200,
      "foot"),

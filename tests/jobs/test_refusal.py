@@ -381,8 +381,12 @@ def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(inputs):
         without_excluded(inputs, ["plate_2"])
 
 
-def tell(handler, event=None, text="", level=logging.INFO, **more):
-    handler.emit(logging.makeLogRecord({"levelno": level, "msg": text, "event": event, **more}))
+def handler():
+    return LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+
+
+def tell(lines, event=None, text="", level=logging.INFO, **more):
+    lines.emit(logging.makeLogRecord({"levelno": level, "msg": text, "event": event, **more}))
 
 
 def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once(
@@ -395,7 +399,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         ending = {"outcome": outcome, "error": "b.mcap: no such file\x1b[31m"}
         remedy = {} if outcome == "skipped" else {"remedy": "copy it"}
         write_log(tmp_path / f"{outcome}.log", ending | remedy)
-    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    lines = handler()
     tell(lines, LogEvent.RUN_INFO, stats={"osl_ingest": 40, "reproduce-all": 1, "total": 41})
     tell(lines, text="Building DAG of jobs...")
     for job in range(40):
@@ -417,7 +421,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
 
 
 def test_an_error_in_a_file_of_the_user_is_one_sentence(capsys):
-    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    lines = handler()
     frames = (
         'WorkflowError in file "/a/rules/common.smk", line 79:\n{}\n  File "/a/x", line 79, in b'
     )
@@ -429,7 +433,7 @@ def test_an_error_in_a_file_of_the_user_is_one_sentence(capsys):
 
 def test_no_line_of_snakemake_follows_the_error_of_a_job(tmp_path, capsys):
     write_log(tmp_path / "verdict.log", {"outcome": "failed", "error": "1 trial", "remedy": "mend"})
-    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    lines = handler()
     log = [f"{tmp_path}/verdict.log"]
     following = "Exiting because a job execution failed."
 
@@ -445,7 +449,7 @@ def lines_of_a_stage(ended, monkeypatch, capsys):
     """What is printed while the first of ten jobs of a stage end, each after 11 s."""
     clock = SimpleNamespace(now=100.0)
     monkeypatch.setattr("time.monotonic", lambda: clock.now)
-    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    lines = handler()
     tell(lines, LogEvent.RUN_INFO, stats={"ingest": 10})
     for job in range(ended):
         tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=[])
@@ -467,7 +471,7 @@ def test_no_time_left_is_told_before_half_of_a_stage(monkeypatch, capsys):
 
 
 def test_a_lock_is_one_line(capsys):
-    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    lines = handler()
     text = format_exception_to_string(LockException())
 
     tell(lines, LogEvent.ERROR, text, logging.ERROR, exception="LockException")

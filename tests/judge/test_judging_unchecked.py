@@ -17,7 +17,6 @@ NO_FIXTURE = {"fixture": None}
     ("wrong_gain", "actuator", [{"speed_alone": True}], [{"speed_alone": None}]),
     ("torque_path", "actuator", [{"torque_from": "iq"}], [{"torque_from": None}]),
     # a fixture is unchecked until something of it is taken off, or it is alone
-    ("fixture_inertia", "torque_angle", [NO_FIXTURE], []),
     ("fixture_inertia", "transmission", [NO_FIXTURE], [{"fixture": "inertia 0.01"}]),
     ("fixture_inertia", "calibration", [NO_FIXTURE | {"rest_deg": None}],
      [NO_FIXTURE | {"rest_deg": 0.1}]),

@@ -156,7 +156,7 @@ def test_an_even_device_whose_stamps_are_rounded_is_told_by_this_alone():
 
 
 def test_stamps_whose_rate_changes_for_good_are_those_of_no_even_device():
-    recording, _ = recorded(107, "even", rate=333.0, changes=0.2, lost=1e-3)
+    recording, _ = recorded(107, "even", rate=333.0, changes=0.05, lost=1e-3)
 
     (part,) = take([recording])
 

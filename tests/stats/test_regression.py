@@ -15,7 +15,6 @@ from osl_analysis.stats import repeats
 from osl_analysis.stats.budget import welch_satterthwaite
 from osl_analysis.stats.linear_fit import (
     between_cycles,
-    products_between,
 )
 
 T = np.linspace(0, 10, 2000, endpoint=False)
@@ -92,16 +91,6 @@ def repeated(rng):
     return 3 * columns["a"] + friction + 0.3 * rng.standard_normal(n), columns
 
 
-def test_cycles_of_no_whole_rows_have_the_sums_of_their_integrals():
-    turn = 2 * np.pi * np.arange(800) / (250 / 3)
-    edges = 250 / 3 * np.arange(1, 9)
-    X = np.column_stack([np.cos(turn), np.sin(turn), np.ones(800)])
-    found = products_between(X, X, edges[:-1], edges[1:])
-    assert found == pytest.approx(
-        np.broadcast_to(np.diag([0.5, 0.5, 1.0]) * 250 / 3, found.shape), abs=2e-3
-    )
-
-
 def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns = repeated(np.random.default_rng(5))
     groups = {"groups": np.repeat(np.arange(COUNT), CYCLE), "use_correction": False}
@@ -125,14 +114,6 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
 def test_freedom_of_a_sum_is_that_of_welch_and_satterthwaite(variances, freedom, of_sum):
     found = welch_satterthwaite(variances, freedom)
     np.testing.assert_allclose(found, of_sum, rtol=1e-3)
-
-
-def test_a_known_error_as_large_as_that_by_chance_doubles_the_variance():
-    x = np.arange(12.0)
-    fit = regression.linear_fit(x + np.cos(x), {"a": x})
-    shared = fit.with_known_error("known", np.array([fit.se("a")]))
-    assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
-    assert shared.budget("a").spread()[1] == pytest.approx(4 * fit.budget("a").spread()[1])
 
 
 def over_repeats(values, half=0.0):

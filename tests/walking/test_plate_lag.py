@@ -104,8 +104,8 @@ def test_a_change_too_small_to_tell_is_within_the_lag_s_standard_error(late):
 
 
 def coloured(random, correlation):
-    """A track (600, 1) [m] of noise of which neighbours correlate."""
-    noise = random.normal(0, 3e-4, (600, 3))
+    """A track (200, 3) [m] of noise of which neighbours correlate."""
+    noise = random.normal(0, 3e-4, (200, 3))
     for k in range(1, len(noise)):
         noise[k] += correlation * noise[k - 1]
     return noise
@@ -118,7 +118,7 @@ def test_smoothed_markers_are_told_from_coloured_ones(correlation):
     trial = walked_over("walk", None, Rig(), 1)
 
     def ratio(tracks):
-        samples = pl.DataFrame(tracks, names).with_columns(time=np.arange(600) / 300)
+        samples = pl.DataFrame(tracks, names).with_columns(time=np.arange(200) / 300)
         return marker_noise_ratio(replace(trial, samples=samples), ["A"])
 
     assert ratio(raw) > 0.03

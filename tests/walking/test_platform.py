@@ -117,7 +117,6 @@ def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial():
      {"s1": {"subject": "A"}, "s2": {"session": "2"}}, "s1"),
     ({"subject": "A", "session": "2"},
      {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}, "s2"),
-    ({"side": "left"}, {"s1": {"side": "right"}, "s2": {"side": "left"}}, "s2"),
     ({"subject": "A"}, {"s1": {}}, "s1"),
 ])  # fmt: skip
 def test_the_static_trial_is_the_named_one_else_the_subject_s_else_the_only(cells, statics, own):

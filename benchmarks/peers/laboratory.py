@@ -28,6 +28,11 @@ def on(size, unit):
     return {"enabled": True, "size": size, "unit": unit}
 
 
+# s; of a leg, K, B and I depend on which rows are fitted. From the first whole period to the last
+# one every method is asked for the same.
+WHOLE_PERIODS_S = (1.0, 23.0)
+
+
 @dataclass(frozen=True)
 class Case:
     """A joint or a leg, its motion, and what differs in sensors and effects."""
@@ -76,17 +81,16 @@ def settings_of(case, seed):
     return SimulationSettings.model_validate(content)
 
 
-def truth_of(row, settings, p):
-    """K, B and I of the joint; of a leg those of the joint that has its true torque in this motion
+def truth_of(row, settings, p, rows):
+    """K, B and I of the joint; of a leg those of the joint that has its true torque in these rows
     most nearly."""
     if settings.joint is not None:
         return {name: getattr(settings.joint, name) for name in "KBI"}
     gains = select_gains(row["controller"], row["K_d"], row["B_d"], p, settings.gain_weight)
     motion, signals = true_signals(row, settings, p, gains)
     X = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta)])
-    return dict(
-        zip("KBI", np.linalg.lstsq(X, -signals["load_cell_torque"], rcond=None)[0], strict=False)
-    )
+    torque = -signals["load_cell_torque"]
+    return dict(zip("KBI", np.linalg.lstsq(X[rows], torque[rows])[0], strict=False))
 
 
 def recordings(seed, only=CASES):
@@ -97,5 +101,9 @@ def recordings(seed, only=CASES):
         row = {"trial": f"{case.case}_{seed}_x_1".replace(" ", "_"), "experiment": "impedance"}
         row |= {"controller": case.controller, "K_d": 300.0, "B_d": 5.0}
         log, _ = simulate_bench_trial(row, settings, p)
-        columns = log["time"] - log["time"][0], log["joint_angle"], -log["load_cell_torque"]
-        yield case, truth_of(row, settings, p), columns
+        time = log["time"] - log["time"][0]
+        rows = np.full(time.shape, True)
+        if case.motion == "multisine":
+            rows = (time >= WHOLE_PERIODS_S[0]) & (time < WHOLE_PERIODS_S[1])
+        columns = time[rows], log["joint_angle"][rows], -log["load_cell_torque"][rows]
+        yield case, truth_of(row, settings, p, rows), columns

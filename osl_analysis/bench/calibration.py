@@ -224,8 +224,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[LinearFit, LinearFit | N
         fit, _ = late_fit(few, columns, model, drifts=True)
         in_time = sum(fit[name] * columns[column] for name, column in model.items())
         slope = -np.gradient(in_time, 1 / few.rate_hz)
-        since = few.time - few.time[few.is_fitted()].mean()
-        of_lags = {"clock_drift": slope * since, "lag_s": slope}
+        of_lags = {"clock_drift": slope * columns["ramp"], "lag_s": slope}
         of_fit = {**model, **{name: name for name in of_lags}}  # in the order of the fit
         return with_encoder_errors(record, {**columns, **of_lags}, of_fit, {None: fit})[None]
 

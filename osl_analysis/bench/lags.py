@@ -81,10 +81,9 @@ def late_fit(
         As `fit_groups`.
     """
     of_model = np.column_stack([columns[name] for name in model.values()])
-    since = few.time - few.time[few.is_fitted()].mean()
-    shapes = {"lag_s": np.ones_like(since)}
+    shapes = {"lag_s": columns["one"]}
     if drifts:
-        shapes = {"clock_drift": since, **shapes}
+        shapes = {"clock_drift": columns["ramp"], **shapes}
     late_model = {**model, **{name: name for name in shapes}}
     lags = np.zeros(len(shapes))
     torque_at = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, k=5)

@@ -106,6 +106,11 @@ SHARP_WIDTH = 1e-3
 BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
+# times the lowest frequency of the motion, below which 1 % of the angle's power lies. Of 1, 1/2 and
+# 1/4 it keeps K, B and I of a hardening spring nearest to least squares of the whole motion (0.4,
+# 0.2 and 0.15 of what benchmarks/peers calls off). A person's lean widens K's interval instead
+# (0.3, 0.4 and 0.5 % of K, benchmarks/interval_coverage.py)
+CORNER = 0.25
 EDGE_ROWS = 2  # beside the fitted ones, from which a fraction of a row is read
 DERIVATIVES = ("theta", "omega", "alpha", "jerk", "snap")  # of the angle, by their order
 
@@ -188,9 +193,11 @@ def gram_sums(
 
     Of a motion of the joint, whose `angle_noise` is known, the products that are fitted are without
     what is slower than it, and without that noise. Columns and torque of each run of rows pass the
-    same filter: where nothing repeats a high-pass whose corner is the lowest frequency of the
-    motion, else they lose their running mean over a period, which is the same all along what
-    repeats: it takes off no part of what Eq. 15 misses. Noise of the angle lengthens the columns:
+    same filter: where nothing repeats a high-pass with its corner at `CORNER` times the lowest
+    frequency of the motion, else they lose their running mean over a period, which is the same all
+    along what repeats: it takes off no part of what Eq. 15 misses. Each part of a period that is
+    repeated counts once, however often it was recorded: K, B and I of a leg are those of whole
+    periods. Noise of the angle lengthens the columns:
     its part of the products, by the lines of `Record.angle_noise`, is taken off (errors in
     variables; Fuller, Measurement Error Models, 1987).
 
@@ -212,13 +219,15 @@ def gram_sums(
         noise = noise_moments(tuple(signals), record, angle_noise)
         weighted = products_between(fast.T, fast.T, groups.first, groups.stop)
         weighted -= (groups.stop - groups.first)[:, None, None] * noise
+        if groups.kind == "periods":  # each part of the period counts once
+            weighted /= np.bincount(groups.stratum)[groups.stratum][:, None, None]
     return Sums(tuple(signals), gram, groups, columns, weighted, noise)
 
 
 def fast_signals(record: Record, names: Sequence[str], signals: Array) -> Array:
     """Columns, filtered and raw torque (q, n) with these names without what is slower than the
     motion, as `gram_sums` says."""
-    slow_hz = record.band_hz[0]
+    slow_hz = CORNER * record.band_hz[0]
     groups = record.groups
     repeat = groups.repeat()
     fast = signals.copy()
@@ -244,10 +253,10 @@ def without_slower(signals: Array, slow: float) -> Array:
     """Signals (q, n) without what is slower than `slow` [cycles per row]: the lines of their
     discrete cosine transform behind a high-pass (band-spectrum regression; Engle, Int. Econ. Review
     15, 1974)."""
-    lines = scipy.fft.dct(signals, norm="ortho")
+    lines = scipy.fft.dct(signals)
     frequency = np.arange(lines.shape[1]) / (2 * lines.shape[1])
     frequency[0] = frequency[1] / 4  # a constant is told, too
-    return scipy.fft.idct(high_pass_gain(frequency, slow) * lines, norm="ortho")
+    return scipy.fft.idct(high_pass_gain(frequency, slow) * lines)
 
 
 def running_mean(signals: Array, period: float) -> Array:
@@ -267,7 +276,7 @@ def running_mean(signals: Array, period: float) -> Array:
 def high_pass_gain(frequency: Array, slow: float) -> Array:
     """Gain (n,) at frequencies (n,) above 0, of which the power falls as that of a person's lean
     rises: with the fourth power below `slow`."""
-    return 1 / np.sqrt(1 + (slow / frequency) ** 4)
+    return (1 + (slow / frequency) ** 4) ** -0.5
 
 
 def noise_moments(names: Sequence[str], record: Record, angle_noise: Array) -> Array:
@@ -279,7 +288,7 @@ def noise_moments(names: Sequence[str], record: Record, angle_noise: Array) -> A
     f, power = angle_noise
     gain = record.settings.low_pass.gain(f)
     if not record.groups.repeat().any():
-        gain = gain * high_pass_gain(f, record.band_hz[0])
+        gain *= high_pass_gain(f, CORNER * record.band_hz[0])
     order = np.array([DERIVATIVES.index(name) for name in names if name in DERIVATIVES])
     of_angle = (2 * np.pi * f) ** order[:, None]
     of_orders = (of_angle * (power * gain**2)) @ of_angle.T

@@ -86,7 +86,7 @@ def test_a_person_s_lean_is_in_the_range_as_little_as_in_the_estimate():
     )
 
     for name in ("I_range_low", "I_range_high"):
-        assert leant_row[name][-1] == pytest.approx(upright_row[name][-1], rel=0.05)
+        assert leant_row[name][-1] == pytest.approx(upright_row[name][-1], rel=0.1)
 
 
 def test_one_amplitude_of_two_sines_has_no_range():

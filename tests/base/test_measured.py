@@ -92,7 +92,7 @@ FACE_DOWN = FACE[[0, 3, 2, 1]]
 
 
 @pytest.mark.parametrize(("axes_of", "up"), [(own_axes, -1), (plate_axes, 1)])
-def test_the_axes_of_a_plate_are_right_handed_and_those_along_its_edges_point_up(axes_of, up):
+def test_axes_of_a_plate_are_right_handed_and_along_its_edges_point_up(axes_of, up):
     axes = axes_of(FACE_DOWN)
 
     np.testing.assert_allclose(axes[:, 2], [0, 0, up], atol=1e-12)

@@ -71,9 +71,7 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
     (0.0, 1 / 57, lambda omega, current: current,
      r"0\.5 rad/s.* 0 .*20000"),
 ])  # fmt: skip
-def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart_or_hardly_moves(
-    offset, size, current_of, message
-):
+def test_a_schedule_that_tells_no_parameters_apart_is_refused(offset, size, current_of, message):
     t, theta, omega, alpha, current = schedule(velocity_offset=offset)
     current = current_of(omega, current)
     with pytest.raises((IdentifiabilityError, InputError), match=rf"^trial made:.*{message}"):
@@ -227,7 +225,7 @@ def test_a_clamped_shaft_stands_whatever_its_angle_shows(angle):
     assert fits[1].interval("k_tau_n_m") == pytest.approx(fits[0].interval("k_tau_n_m"), abs=2e-3)
 
 
-def test_the_interval_of_a_clamped_actuator_holds_the_stated_error_of_the_load_cell():
+def test_the_interval_of_a_clamped_actuator_holds_the_load_cell_s_error():
     calibrated = ANALYSIS.model_copy(update={"calibration": Calibration(torque_gain=0.01)})
 
     row = actuator_table(actuator_trial(staircase(1), calibrated))["actuator"].row(0, named=True)

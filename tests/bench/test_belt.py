@@ -115,7 +115,7 @@ def test_a_belt_tells_what_a_straight_line_leaves_out():
     assert half == pytest.approx(14913 * 0.0873, rel=1e-6)
 
 
-def test_where_loading_begins_moves_the_slope_of_a_bent_belt_as_its_budget_says():
+def test_where_loading_begins_moves_a_bent_belt_as_its_budget_says():
     """A line through K x + c x^2 between a and b has the slope K + c (a + b)."""
     ramp = np.clip(np.linspace(-0.5, 10.5, 5501), 0, 10)
     theta = 0.1 * np.minimum(ramp, 10 - ramp)
@@ -168,7 +168,7 @@ def losses(torque_of):
     return tables["transmission"].row(-1, named=True), tables["budget"]
 
 
-def test_a_late_torque_of_a_transmission_is_found_with_the_inertia_that_it_hides():
+def test_a_late_torque_of_a_transmission_hides_inertia_and_is_found():
     delay_s = 2e-3
 
     def torque(m):  # to first order of the delay

@@ -124,7 +124,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     assert more[2] < 0.1 * fit_of(record, hysteresis=0.02).budget("B").se_bench
 
 
-def test_friction_that_turns_in_a_tenth_of_the_width_is_off_by_its_standard_error():
+def test_friction_of_a_tenth_of_the_width_is_off_by_its_standard_error():
     sharp = stepped_sine(lambda m: second_order(m) + np.tanh(m.omega / SHARP_WIDTH), 1e-4, FIVE)
 
     fit = coulomb_fit(sums_of(sharp), analysed(sharp, IMPEDANCE)).without
@@ -308,7 +308,7 @@ def on_frame(trial, stiffness):
     return Trial("spring", samples)
 
 
-def test_angles_on_both_sides_of_a_frame_give_its_stiffness_and_the_gain_behind_it():
+def test_angles_beside_a_frame_give_its_stiffness_and_the_gain_behind():
     row = calibrated(on_frame(spring(), 3000.0), known_K=300.0)
 
     assert row["frame_stiffness"] == pytest.approx(3000.0, rel=5e-3)

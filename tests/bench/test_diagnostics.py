@@ -221,7 +221,7 @@ def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():
     assert belt.K_s_ratio < 0.7
 
 
-def test_the_delay_of_a_bench_is_pooled_over_trials_with_what_all_of_them_share():
+def test_the_delay_of_a_bench_is_pooled_with_what_trials_share():
     """Three trials that are 2 ms late to 50 us, and share 80 us; with amplitudes, which do not
     count."""
     lags = pl.Series([1.95e-3, 9.0, 2.0e-3, 2.05e-3])

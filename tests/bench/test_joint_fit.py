@@ -177,7 +177,7 @@ def test_of_a_late_torque_the_friction_is_late_too():
     assert set(paths.filter(pl.col("probability") > 0.05)["detail"]) == {"delay"}
 
 
-def test_neither_a_spring_in_series_nor_more_than_all_of_an_estimate_has_a_size():
+def test_a_spring_in_series_and_more_than_all_of_K_have_no_size():
     change = np.full(3, 1e5)
     paths = [Alternative("path", name, 0.4, change) for name in ("spring in series", "delay")]
 
@@ -231,7 +231,7 @@ def test_what_nobody_checked_changes_an_estimate_by_so_much_per_unit():
 
 
 @pytest.mark.parametrize(("joint", "B"), [("exact", "B"), ("friction", "B_viscous")])
-def test_stamps_that_can_be_read_in_two_ways_are_a_fault_part_of_the_estimates(joint, B):
+def test_stamps_that_are_read_in_two_ways_are_a_fault_of_the_estimates(joint, B):
     record = record_with(**SOUND[joint])
     later = np.interp(record.time - 2e-4, record.time, record.torque)
     later_filtered = np.interp(record.time - 2e-4, record.time, record.filtered_torque)

@@ -278,7 +278,7 @@ def test_noise_drawn_anew_hardly_moves_an_interval():
     assert high < 2.5 * low
 
 
-def test_rounding_of_two_levels_is_in_the_interval_of_K_however_often_they_return():
+def test_rounding_of_two_levels_is_in_the_interval_of_K():
     rng = np.random.default_rng(4)
     levels = np.repeat(np.tile(np.deg2rad([3, -3]), 40), rng.integers(100, 200, 80))
     trial = made_trial(rng, smoothed(levels, 0.03), 0.01, bits=12)
@@ -294,7 +294,7 @@ def test_rounding_of_two_levels_is_in_the_interval_of_K_however_often_they_retur
 @pytest.mark.parametrize("joint", [
     {"K": -20.0, "B": 0.0}, {"K": -30.0, "B": 9.0, "I": -0.02},
 ])  # fmt: skip
-def test_a_weight_above_its_axis_and_an_inertia_behind_a_soft_spring_are_fitted(joint):
+def test_a_weight_above_its_axis_and_a_mass_behind_a_spring_are_fitted(joint):
     """Above its resonance K of Eq. 15 is negative, and B positive."""
     assert row_of(moved(multisine, 2, **joint))["K"] == pytest.approx(joint["K"], rel=1e-2)
 

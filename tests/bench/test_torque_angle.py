@@ -130,7 +130,7 @@ def test_cycles_begin_and_end_where_the_angle_comes_back(angles, count):
     assert len(find_loop(path(*angles)).cycles) == count
 
 
-def test_a_device_that_starts_within_its_loop_is_doubtful_until_its_first_cycle_is_left_out():
+def test_a_device_that_starts_within_its_loop_is_doubtful_by_one_cycle():
     """Cycles of +-A lose 4 limit (A - limit/slip); on its way out the first one has not the torque
     of the others."""
     slip = 400.0
@@ -146,7 +146,7 @@ def test_a_device_that_starts_within_its_loop_is_doubtful_until_its_first_cycle_
     assert later["energy_lost"] == pytest.approx(4 * limit * (A - limit / slip), rel=1e-3)
 
 
-def test_a_zero_changes_energies_and_no_slope_and_is_as_recorded_where_nobody_states_it():
+def test_a_zero_changes_energies_and_no_slope():
     """A foot that rests under 5 N*m at its middle, which its end takes for the load cell's
     offset."""
     theta = path(0, *(10, -10) * 3, 0)
@@ -210,7 +210,7 @@ def test_drift_clipping_speed_and_energy_from_nothing_are_doubtful(
     assert cause in (row_of(theta, torque, **changes)[column] or "").split("; ")
 
 
-def test_intervals_hold_what_a_drift_that_leaves_the_loop_open_makes_of_slopes_and_energies():
+def test_intervals_have_what_a_drift_makes_of_slopes_and_energies():
     """2 % of the range of torque in six cycles: less than a doubt, and without scatter."""
     theta = path(0, *(10, -10) * 6, 0)
     drift = 0.02 * K * np.ptp(theta) * np.linspace(0, 1, theta.size)

@@ -272,9 +272,7 @@ def started(content):
 
 
 @pytest.mark.parametrize("value", ["1:30", "010", "off"])
-def test_a_value_that_yaml_1_1_takes_for_another_is_refused_where_snakemake_reads_it(
-    tmp_path, value
-):
+def test_a_value_that_yaml_1_1_reads_otherwise_is_refused_for_snakemake(tmp_path, value):
     """Snakemake hands over 90, 8 and a truth value."""
     path = tmp_path / "a.yaml"
     path.write_text(f"a:\n  b: [1, 2]\n  rate: [{value}]\n")

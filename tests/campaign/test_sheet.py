@@ -236,9 +236,7 @@ def test_walking_needs_several_crossings_of_either_kind(tmp_path, text, message)
     ({"speed": "fast"}, r"trials\.csv: trial \w: .*speed"),
     ({"accept": "gap gaps"}, "trial 'x': accept: 'gaps'.*rate, gap"),
 ])  # fmt: skip
-def test_a_condition_of_one_crossing_alone_and_a_check_that_is_none_are_refused(
-    tmp_path, changes, told
-):
+def test_a_condition_of_one_crossing_and_an_unknown_check_are_refused(tmp_path, changes, told):
     with refused_with(told):
         check_campaign(opened(tmp_path, rows=cells(tmp_path, "x", **changes)))
 
@@ -359,7 +357,7 @@ def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
         read_yaml(path, SimulationSettings)
 
 
-def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tmp_path, in_root):
+def test_an_unstable_loop_or_a_missing_file_writes_nothing(tmp_path, in_root):
     """20 ms of delay: an actuator that turned by 1e18 rad was logged."""
     path = settings_with(tmp_path, "effects.control_delay.size", 100)
     with refused_with(r"100 rad.*effects\.control_delay"):

@@ -109,7 +109,7 @@ def test_the_version_tells_the_code_by_tag_and_commit_else_by_its_digest(tmp_pat
     assert version_in(package, monkeypatch) == "3.1.0"
 
 
-def test_what_decides_verdicts_and_is_not_shipped_is_listed_with_old_and_new_value(tmp_path):
+def test_what_decides_verdicts_and_is_not_shipped_is_listed(tmp_path):
     loosened = "doubtful: {accuracy: {K: 0.1}}\nquality: {gap: 2 s}\n"
 
     changed = {row["setting"]: row for row in changed_settings(campaign(tmp_path, config=loosened))}

@@ -104,7 +104,7 @@ def test_a_raw_recording_is_fitted_with_its_source_as_after_ingest(folder):
     assert raw.name in one_line(call("fit", raw, "--source", raw))
 
 
-def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(folder, tmp_path):
+def test_fit_says_what_it_cannot_check_and_takes_an_overriding_file(folder, tmp_path):
     own = yaml.safe_load((folder / "config.yaml").read_text())
     config = tmp_path / "own.yaml"
     config.write_text(yaml.safe_dump({"campaign": "mine", "dynamometer": own["dynamometer"]}))

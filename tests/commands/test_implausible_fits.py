@@ -71,7 +71,7 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
 
 
 @least_squares_alone
-def test_a_negative_stiffness_where_one_is_stated_is_a_sign_though_losses_come_out_positive():
+def test_a_negative_stiffness_is_a_wrong_sign_where_one_is_stated():
     """The torque is late, too, which would make B negative with the right sign."""
     with refused_with("K = -198.* drives the motion"):
         judged(

@@ -175,7 +175,7 @@ def test_a_window_is_all_that_is_fitted(short):
     assert fit.fitted_s == pytest.approx(15, abs=0.8)
 
 
-def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(tmp_path, short):
+def test_the_check_of_a_trial_is_the_campaign_s_and_accepts_nothing(tmp_path, short):
     config = read_config(short)
     trial = bench_trial("actuator")
     slow = replace(trial, samples=trial.samples.with_columns(pl.col("time") * 50))

@@ -28,7 +28,7 @@ from osl_analysis.dictionary.described import HERE
 @pytest.mark.parametrize(
     "path", [*HERE.glob("*.yaml"), *HERE.parent.glob("figures/*.yaml")], ids=lambda path: path.name
 )
-def test_our_own_files_say_the_same_in_yaml_1_1_and_1_2_and_no_key_stands_twice(path):
+def test_our_files_are_alike_in_yaml_1_1_and_1_2_and_repeat_no_key(path):
     assert own_yaml(path) == read_mapping(path)
 
 
@@ -54,9 +54,7 @@ def test_no_text_is_a_formula_of_a_spreadsheet_and_each_reads_back(tmp_path_fact
 
 
 @pytest.mark.parametrize("late", [["1"] * 4999 + ["1.5"], [None] * 4999 + [1.5]])
-def test_names_of_digits_are_text_numbers_may_come_late_and_an_empty_column_holds_numbers(
-    tmp_path, late
-):
+def test_names_of_digits_are_text_and_an_empty_column_holds_numbers(tmp_path, late):
     table = pl.DataFrame({"trial": "01", "amplitude_deg": None, "K": late})
     write_table(table, tmp_path / "a/b/t.csv")
     read = read_table(tmp_path / "a/b/t.csv")

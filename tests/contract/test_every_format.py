@@ -114,9 +114,7 @@ CLOCKS = {
 @pytest.mark.parametrize(
     ("what", "name"), [*(("csv", name) for name in CLOCKS), *((what, "t") for what in OTHERS)]
 )
-def test_a_rate_that_a_clock_of_the_file_contradicts_is_refused_in_every_format(
-    tmp_path, what, name
-):
+def test_a_rate_that_a_clock_contradicts_is_refused_in_every_format(tmp_path, what, name):
     """A rate of 1000 for a file of 500 Hz halves B, and no check objects."""
     columns = {"angle": LOG["angle"], "torque": LOG["torque"], name: CLOCKS[name]}
     path = written(tmp_path, what, columns)

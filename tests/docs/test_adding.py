@@ -125,7 +125,7 @@ Path("answers.json").write_text(json.dumps(answers))
 """
 
 
-def test_a_rule_a_fit_a_format_a_figure_and_a_finding_are_known_wherever_they_are_asked_for(
+def test_a_rule_fit_format_figure_and_finding_are_known_everywhere(
     project: Path,
 ) -> None:
     environment = os.environ | {"PYTHONPATH": str(project)}

@@ -24,7 +24,7 @@ COLUMNS = {column: column for column in likelihoods()["columns"]}
 COLUMNS |= {"held_theta_m": "theta_m", "turning_theta_m": "theta_m", "small_theta": "theta"}
 
 
-def test_every_channel_of_the_labelled_recordings_is_named_or_asked_as_labelled(tmp_path):
+def test_every_channel_of_labelled_recordings_is_named_or_asked_so(tmp_path):
     """What a draft names is right, and it names what is clear; a spring may settle a doubt of a
     name (`?`) and of two that are alike (`~`)."""
     path = tmp_path / "log.csv"

@@ -176,7 +176,7 @@ def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatc
     ]
 
 
-def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_field():
+def test_shipped_files_are_valid_by_schemas_that_know_their_fields():
     made = schemas()
     validators = {name: Draft202012Validator(schema) for name, schema in made.items()}
     for kind, patterns in KINDS.items():
@@ -278,7 +278,7 @@ def test_the_leg_that_steps_on_the_platform_is_asked_where_both_have_markers(rec
     assert "`walking.side`: " in draft.open[0][0]
 
 
-def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tmp_path, rec):
+def test_what_captures_of_walking_do_not_tell_is_to_be_edited(tmp_path, rec):
     markers = {"RHEE": (0, 0, 0), "LTIB": (0, 0, 200)}
     capture(rec / "a.c3d", markers, force=800, platform=("PL", "PLAT1"))
 
@@ -340,7 +340,7 @@ def triangle(turns):
     # quick strokes with rests, as of a hand
     (lambda turns: np.clip(6 * triangle(turns), -1, 1), 0.2, "impedance"),
 ])  # fmt: skip
-def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_begin_anew(
+def test_a_slow_triangle_or_sine_of_counts_is_torque_over_angle(
     tmp_path, wave, frequency_hz, experiment
 ):
     time = np.arange(4000) / 100
@@ -481,7 +481,7 @@ def test_a_file_without_a_signal_is_left_out_with_a_sentence(tmp_path, rec):
     assert re.search(rf"^{tmp_path}/rec/clock\.csv: .*`osl-analysis inspect`", refused)
 
 
-def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torque(tmp_path):
+def test_a_fixture_alone_is_a_calibration_and_tells_no_sign_of_torque(tmp_path):
     """Of its inertia alone, which comes first by its name, the torque falls as the angle rises."""
     torque = {"fixture": -0.005 * ANGLE, "impedance_K80": 1.4 * ANGLE}
     for name, values in torque.items():
@@ -496,9 +496,7 @@ def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torq
     assert "sign: -1" not in draft.source_files["csv"].text
 
 
-def test_an_example_without_the_simulators_libraries_is_refused_and_nothing_is_written(
-    tmp_path, monkeypatch
-):
+def test_an_example_without_the_simulator_s_libraries_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
 
     with refused_with("-m pip install numba$"):

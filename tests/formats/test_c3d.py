@@ -110,7 +110,7 @@ def test_a_single_last_sample_of_zeros_was_not_recorded(tmp_path, first_zero, wh
     assert bool(converted.warnings) == (whole < 24)
 
 
-def test_what_fills_the_last_block_is_not_looked_at_and_a_cut_file_is_refused(
+def test_what_fills_the_last_block_is_no_loss_and_a_cut_file_is(
     tmp_path,
 ):
     path = write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)))

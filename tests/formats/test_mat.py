@@ -155,7 +155,7 @@ UNITS = {
 
 @pytest.mark.filterwarnings("ignore:duration_to_mat")
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
-def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(version, tmp_path):
+def test_tables_clocks_and_properties_of_objects_are_read_as_written(version, tmp_path):
     recording = formats.read(written_by_matio(tmp_path / "a.mat", version))
 
     for address, expected in OBJECTS.items():

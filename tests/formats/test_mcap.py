@@ -158,7 +158,7 @@ def test_a_chunk_that_does_not_match_its_checksum_is_lost_and_counted(tmp_path, 
     assert recording.facts["chunks_lost"] == 1
 
 
-def test_messages_stand_in_the_order_of_the_file_though_the_clock_was_set_back(tmp_path):
+def test_messages_keep_the_order_of_the_file_if_a_clock_was_set_back(tmp_path):
     recording = read(tmp_path, log(DECLARED, chunk(TWENTY), chunk(TEN)))
 
     assert column(recording, "a") == [*range(10, 20), *range(10)]
@@ -221,7 +221,7 @@ def test_a_legal_log_is_read_as_by_the_official_reader(tmp_path, content):
 
 
 @pytest.mark.parametrize("offset", [0, 20])
-def test_two_channels_of_one_topic_are_refused_where_they_write_at_the_same_time(tmp_path, offset):
+def test_two_channels_of_one_topic_that_write_at_once_are_refused(tmp_path, offset):
     both = log(DECLARED + channel(2, "/lab"), chunk(TEN + messages(range(5 + offset, 30), 2)))
 
     if offset:  # a publisher that was started again
@@ -385,7 +385,7 @@ def test_a_joint_is_found_by_name_beside_those_of_another_publisher(tmp_path):
     assert read_field(path, "position[name=toe]") == [2.0, None, 2.0]
 
 
-def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_messages(
+def test_two_publishers_of_one_joint_are_refused_with_their_names(
     tmp_path,
 ):
     ours = (["knee", "ankle"], [1.0, 2.0])

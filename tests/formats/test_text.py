@@ -182,7 +182,7 @@ def test_a_degree_in_the_code_page_of_a_console_is_one(tmp_path):
     assert in_si(normalised(angle.unit)) == in_si("deg")
 
 
-def test_rows_that_all_lack_a_sign_between_two_cells_are_refused_with_one_of_them(tmp_path):
+def test_rows_that_lack_a_sign_between_cells_are_refused_with_one(tmp_path):
     (tmp_path / "a.csv").write_text(
         "\n".join(["t,a,q", *(f"{k}-0.04,{k % 5}" for k in range(40)), ""])
     )

@@ -145,7 +145,7 @@ def test_gap_is_left_out():
     assert family_of(found) is None
 
 
-def test_stiffness_that_differs_by_direction_is_a_change_of_its_half_difference():
+def test_stiffness_by_direction_is_a_change_of_its_half_difference():
     (most_probable, *_) = changed(stiffer_forwards).alternatives
 
     assert most_probable.change[0] == pytest.approx(20, rel=0.25)

@@ -194,7 +194,7 @@ def test_a_channel_with_its_own_clock_may_end_before_the_others(tmp_path):
     np.testing.assert_allclose(samples["theta"], np.radians(ANGLE[:half]), atol=1e-8)
 
 
-def test_a_channel_of_another_length_is_left_out_of_the_draft_with_a_question(tmp_path):
+def test_a_draft_leaves_a_channel_of_another_length_out_and_asks(tmp_path):
     write_mat(tmp_path / "a.mat", time_s=TIME, angle_deg=ANGLE, torque_Nm=TORQUE[::2])
 
     overview = inspect_recording(tmp_path / "a.mat")

@@ -127,7 +127,7 @@ def test_log_and_capture_share_one_clock_and_provenance_names_their_files(
     assert columns["sync"]["file"] == "mocap"
 
 
-def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so():
+def test_without_sync_edges_the_joint_s_angle_aligns_the_log():
     knots = np.arange(-5.0, 40.0, 0.2)
     course = make_interp_spline(knots, 0.3 * white_noise(knots.size, 4))
     leg_time = np.arange(0, 30, 1 / 500)
@@ -149,7 +149,7 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     assert re.search("'theta'.* B", warning)
 
 
-def test_rows_within_a_nanosecond_become_one_and_clocks_that_do_not_overlap_are_refused():
+def test_rows_within_a_nanosecond_are_one_and_clocks_apart_are_refused():
     mocap = Converted(pl.DataFrame({"time": [0.0, 2 / 3, 0.9], "trigger": [1.0, 2.0, 3.0]}), {})
     log = Converted(pl.DataFrame({"time": [0.05, 2 / 3 + 3e-10], "theta": [7.0, 8.0]}), {})
     clock = SimpleNamespace(format="trc", clock="common")
@@ -248,7 +248,7 @@ def test_a_trial_file_keeps_every_bit_and_what_is_none_is_refused(
         read_trial(path)
 
 
-def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(
+def test_a_trial_without_a_column_that_it_needs_is_refused_by_name(
     laboratory,
 ):
     needed = EXPERIMENTS["belt"].needed_columns
@@ -279,7 +279,7 @@ def trial_of(folder, experiment="ingest_only", **files):
     (0.0, 1e200, "rad", r"torque.*1e\+200 N\*m.*0\.020 s"),
     (1.7e308, 0.0, "rev", r"theta.*rad.*0\.020 s"),  # overflows in the conversion
 ])  # fmt: skip
-def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_remedy(
+def test_values_that_nothing_can_reach_are_refused_with_a_remedy(
     tmp_path, angle, torque, unit, told
 ):
     rows = [f"{k / 100},{angle if k == 2 else 0.1},{torque if k == 2 else k}" for k in range(4)]

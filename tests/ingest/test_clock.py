@@ -72,7 +72,7 @@ def test_edges_that_are_two_samples_late_take_no_part_in_the_clock() -> None:
     assert fit.to_master(15.0) == pytest.approx(fit_clock(edges, master).to_master(15.0), abs=2e-4)
 
 
-def test_edges_are_found_between_samples_and_noise_at_the_mid_level_makes_none() -> None:
+def test_edges_lie_between_samples_and_noise_at_mid_level_makes_none() -> None:
     time = np.arange(0, 1, 1e-3)
     at, rising, _ = find_edges(time, np.clip((time - 0.4003) / 0.02 + 0.5, 0, 1) * 5)
     np.testing.assert_allclose(at, [0.4003], atol=1e-9)

@@ -97,7 +97,7 @@ def test_an_angle_that_no_analysis_reads_is_compared_with_a_speed(tmp_path):
     assert found == {"speeds": {"'motor_angle'": pytest.approx(0.5, rel=0.003)}}
 
 
-def test_angle_and_speed_of_an_actuator_are_compared_whatever_they_are_called(tmp_path):
+def test_angle_and_speed_of_an_actuator_are_compared_by_any_name(tmp_path):
     both = "theta_m: {column: a, unit: deg}\n  omega_m: {column: b, unit: deg/s}"
 
     found = told(tmp_path, both, a=9 * ANGLE, b=SPEED)
@@ -105,7 +105,7 @@ def test_angle_and_speed_of_an_actuator_are_compared_whatever_they_are_called(tm
     assert found == {"speeds": {"omega_m": pytest.approx(1 / 9, rel=0.003)}}
 
 
-def test_noise_of_the_angle_and_a_filter_of_the_speed_change_the_factor_by_less_than_3_percent():
+def test_noise_and_a_filter_change_the_factor_by_less_than_3_percent():
     late = np.convolve(SPEED, np.ones(5) / 5)[: SPEED.size]  # a mean over 25 ms
     turned = turns(TIME, ANGLE + 0.05 * white_noise(TIME.size, 3), is_speed=False)
 
@@ -132,7 +132,7 @@ def test_how_far_the_motor_turns_beside_its_joint_is_told(tmp_path, columns, cha
     ({"n_T": 50, "K_s": 600}, 1.0),  # the belt yields by 0.25 of theta
     ({"n_T": 50, "K_s": 15000}, 0.808),  # by 0.01
 ])  # fmt: skip
-def test_how_far_the_motor_turns_is_held_against_what_ratio_and_belt_let_expect(parameters, ratio):
+def test_how_far_the_motor_turns_is_held_against_ratio_and_belt(parameters, ratio):
     samples = pl.DataFrame({"time": TIME, "theta": ANGLE, "torque": 150 * ANGLE})
     trial = Trial("a", samples, {"columns": {"theta": {"gears": {"m": 40.0}}}})
     known = dict.fromkeys(REQUIRED, np.nan) | parameters

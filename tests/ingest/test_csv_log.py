@@ -98,7 +98,7 @@ def test_what_cannot_be_read_is_refused_by_line_or_column(tmp_path, text, fields
     assert re.search(problem, refused(tmp_path, text, **fields))
 
 
-def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
+def test_the_shipped_source_file_reads_the_logger_of_opensourceleg(
     tmp_path,
 ):
     """Recorded with the package's own logger, row k at k ms."""

@@ -36,7 +36,7 @@ def lines():
     return [f"{t:.3f},{0.01 * q:.6f},{q:.4f}" for t, q in zip(TIME, TORQUE, strict=True)]
 
 
-def test_every_kind_of_damage_is_told_in_one_refusal_and_left_out_by_its_remedy(tmp_path, lines):
+def test_every_damage_is_told_at_once_and_left_out_by_one_remedy(tmp_path, lines):
     lines[500] = "2.5,0.1"  # cells
     lines[900] = ",0.1,10"  # no time
     lines[1300] = lines[1300].replace(lines[1300].split(",")[2], "ERROR")
@@ -93,9 +93,7 @@ def test_a_sound_channel_has_no_spoiled_value(values):
     assert not spoiled(values).any()
 
 
-def test_the_remark_on_leaps_says_what_leaving_them_out_costs_and_nothing_is_called_frozen(
-    tmp_path, lines
-):
+def test_the_remark_on_leaps_says_what_leaving_them_out_costs(tmp_path, lines):
     still = [f"{20 + k / 200:.3f},0.2,{1 + 0.001 * (k % 7):.4f}" for k in range(400)]
     every = lines + still
     for row in range(20, 4400, 40):

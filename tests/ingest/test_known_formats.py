@@ -105,7 +105,7 @@ def ingested(folder, name, content):
     return trial_from_files({"trial": "a", "log": name, "log_source": "source"}, folder, folder)
 
 
-def test_a_source_file_of_another_format_is_refused_with_the_format_of_the_file(
+def test_a_source_file_of_another_format_is_refused_with_the_right_one(
     tmp_path,
 ):
     capture = write_c3d(tmp_path / "b.csv", np.ones((4, 2, 4)), np.ones((8, 1))).read_bytes()

@@ -158,7 +158,7 @@ def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_p
         assert re.search(told, refused(log, source(**RADIANS)))
 
 
-def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(
+def test_topics_of_different_rates_keep_their_own_rows(
     tmp_path,
 ):
     topics = {"/lab": messages(range(0, 60, 2)), "/other": messages([*range(1, 60, 10), 58])}
@@ -168,7 +168,7 @@ def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(
     assert found.drop_nulls()["theta"].to_list() == [58]
 
 
-def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(
+def test_stamps_rounded_to_more_than_a_step_are_kept_for_the_time_base(
     tmp_path,
 ):
     stamps = [round(1000 * i / 1024) for i in range(COUNT)]

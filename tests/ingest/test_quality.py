@@ -353,7 +353,7 @@ def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
     assert results(bench(stepped_sine(again)), commanded=again)["protocol"].value == 0
 
 
-def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name():
+def test_a_failure_flags_or_excludes_by_rule_and_a_sheet_accepts_it():
     checks = {
         "gap": CheckResult(0.2, "theta"),
         "unzeroed_plate": CheckResult(700.0, "plate1 -700 N"),
@@ -408,7 +408,7 @@ def test_rest_at_a_level_is_no_rail_at_any_rate_though_the_torque_settles(rate, 
     assert failed(checks) - {"protocol", "rate"} == set()
 
 
-def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_are():
+def test_a_command_s_level_is_no_rail_a_clipped_current_is():
     time = np.arange(2000) / 500.0
     levels = np.repeat([3.0, -2.0, 3.0, 1.0], 500)
     measured = np.minimum(4 * np.sin(7 * time) + 0.02 * white_noise(2000, 1), 3.0)

@@ -181,13 +181,13 @@ def test_a_channel_that_was_interpolated_is_read_at_its_own_samples(tmp_path):
     np.round(turned(FAST), 2), turned(FAST), FAST,
     np.repeat(NOISY[::5], 5),
 ])  # fmt: skip
-def test_a_coarse_smooth_or_held_channel_is_not_taken_for_an_interpolated_one(values):
+def test_a_coarse_smooth_or_held_channel_is_no_interpolated_one(values):
     _, remarks = with_own_rows({"theta": values}, Rows(values.size), FAST)
 
     assert not remarks
 
 
-def test_damage_between_blank_cells_and_of_each_clock_is_told_at_once_and_left_out(tmp_path):
+def test_damage_between_blank_cells_of_each_clock_is_told_and_left_out(tmp_path):
     wrong = turned(FAST) + NOISE
     wrong[[500, 900, 2000]] = 8388607
     lacks = np.full(FAST.size - SLOW.size, np.nan)

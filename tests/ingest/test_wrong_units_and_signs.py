@@ -136,7 +136,7 @@ def test_stamps_of_a_smaller_unit_are_refused_with_it(factor, unit):
     ("impedance", joint, swapped, SWAP),
     ("actuator", clamped_actuator, turned("current"), "`sign`.* current.*: k_tau_n_m 0.8"),
 ])  # fmt: skip
-def test_a_wrong_sign_or_swapped_channels_are_refused_with_what_makes_the_trial_fit(
+def test_a_wrong_sign_or_swapped_channels_are_refused_with_what_fits(
     experiment, recording, fault, remedy
 ):
     assert_mended(experiment, recording, fault, remedy)

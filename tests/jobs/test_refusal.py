@@ -238,7 +238,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-def test_a_worker_does_several_jobs_and_ends_with_snakemake_even_if_that_is_killed(tmp_path):
+def test_a_worker_does_several_jobs_and_ends_with_a_killed_snakemake(tmp_path):
     """On one core; and a killed worker takes no other with it."""
     path = os.environ | {"PYTHONPATH": str(ROOT)}
     told = subprocess.run(
@@ -276,7 +276,7 @@ TABLES = {
 }
 
 
-def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tmp_path):
+def test_an_archive_of_tables_holds_all_that_was_written_or_nothing(tmp_path):
     path = tmp_path / "fits/t_1.zip"
     write_tables({path / f"{name}.csv": table for name, table in TABLES.items()})
     before = path.read_bytes()
@@ -389,7 +389,7 @@ def tell(lines, event=None, text="", level=logging.INFO, **more):
     lines.emit(logging.makeLogRecord({"levelno": level, "msg": text, "event": event, **more}))
 
 
-def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once(
+def test_a_run_has_lines_now_and_then_and_tells_what_is_refused_at_once(
     monkeypatch, tmp_path, capsys
 ):
     clock = SimpleNamespace(now=100.0)
@@ -508,7 +508,7 @@ rule of_shell:
 """
 
 
-def test_an_error_of_ours_is_told_once_and_one_of_another_workflow_as_snakemake_does(tmp_path):
+def test_an_error_of_ours_is_told_once_another_s_as_snakemake_does(tmp_path):
     (tmp_path / "Snakefile").write_text(WORKFLOW)
     asked = "snakemake --cores 3 --keep-going --force-use-threads --show-failed-logs --logger osl"
 

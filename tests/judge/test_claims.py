@@ -56,7 +56,7 @@ def test_the_difference_of_a_pair_has_the_root_of_both_squared_half_widths():
     assert (all_pairs["compensated"], all_pairs["uncompensated"]) == pytest.approx((0.75, 1.35))
 
 
-def test_damping_is_compared_with_friction_on_both_sides_and_without_it_only_where_both_have_it():
+def test_damping_is_compared_with_friction_on_both_sides_or_without_it():
     one_side = [fit("compensated", 6.0, 0.1), fit("uncompensated", 7.0, 0.1, **VISCOUS)]
     both = [fit("compensated", 6.0, 0.1, **VISCOUS), one_side[1]]
 
@@ -119,7 +119,7 @@ def test_a_pair_is_nearer_only_by_more_than_the_margin():
     assert verdict_on(by_one, margin=1.5)["verdict"] == "fails"
 
 
-def test_what_one_of_a_pair_lacks_is_not_compared_and_a_minority_decides_nothing():
+def test_what_one_of_a_pair_lacks_is_not_compared_and_few_decide_nothing():
     rows = pairs(BETTER, BETTER, BETTER)
     for row in rows[2:]:
         row["B"] = None

@@ -146,7 +146,7 @@ def friction(trial, share):
     return Finding("friction", "impedance", trial, evidence=evidence, size=f"that of {trial}")
 
 
-def test_the_worst_trial_of_a_cause_is_that_of_the_largest_number_which_is_shown():
+def test_the_worst_trial_of_a_cause_has_the_largest_number_shown():
     impedance = fits(B=[0.6, 2.0], doubtful="friction")
 
     findings = [friction("a", 0.3), friction("b", 0.5)]

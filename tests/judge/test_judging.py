@@ -33,7 +33,7 @@ def of_knee(contributions, limits=None, faults=None, **columns):
 
 
 @pytest.mark.parametrize("name", ["K", "B", "I"])
-def test_a_fault_is_a_doubt_about_the_estimates_that_it_moves_by_more_than_they_need(name):
+def test_a_fault_is_a_doubt_about_what_it_moves_by_more_than_is_needed(name):
     rows = {symbol: [fault(0.9 * needed)] for symbol, needed in NEEDED.items()}
 
     (doubt,) = of_knee(rows | {name: [fault(1.1 * NEEDED[name])]})
@@ -156,7 +156,7 @@ def test_a_wide_interval_is_told_under_its_own_name_and_is_no_doubt(monkeypatch)
     assert verdicts_of(of_knee({"B": wide, "B_viscous": wide}))["B"] == "wide"
 
 
-def test_what_is_not_known_is_told_once_per_unit_and_is_no_property_of_the_device():
+def test_what_is_not_known_is_told_once_per_unit_and_not_of_the_device():
     friction = Contribution("friction", None, part="fault")
     gain = Contribution("wrong_gain", None, part="fault", per="x per %")
     budgets = {name: Budget(1.0, (gain, friction)) for name in "KB"}
@@ -201,7 +201,7 @@ def test_one_factor_of_both_gains_names_its_unit(B_over_B_d, is_told):
     assert [bool(re.search(r"lbf\*ft.*N\*m", text)) for text in texts] == [True] * is_told
 
 
-def test_no_unit_is_asked_for_where_the_torque_path_explains_the_ratio_to_K_d():
+def test_no_unit_is_asked_for_where_a_torque_path_explains_the_ratio():
     found = of_knee({"K": [fault(20.0)]}, K_over_K_d=1.2)
 
     assert [each.name for each in found] == ["torque_path"]

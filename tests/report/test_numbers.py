@@ -68,7 +68,7 @@ def test_a_group_s_doubt_stands_on_its_number_and_in_a_macro_of_its_own():
     assert "Doubtful" not in macros_tex(ABOUT, [*numbers_of(walking_summary=summary).values()], ())
 
 
-def test_a_mean_over_trials_leaves_out_amplitudes_and_the_doubtful_trial_beside_sound_ones():
+def test_a_mean_over_trials_leaves_out_amplitudes_and_doubtful_trials():
     bias = numbers_of(impedance=IMPEDANCE)["K_bias_PD_1"]
 
     assert bias.value == pytest.approx((1 + 1) / 2)  # of a and b, in percent
@@ -81,7 +81,7 @@ def test_of_doubtful_trials_alone_there_is_no_number():
     assert not [*headline_numbers({"impedance": doubtful})]
 
 
-def test_numbers_of_another_excitation_are_those_of_another_condition_as_in_the_table():
+def test_numbers_of_another_excitation_are_another_condition_s():
     excitation = pl.Series(["stepped sine"] * 3 + ["periodic"])
     both = SOUND.with_columns(excitation=excitation)
 
@@ -112,7 +112,7 @@ def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
     assert several.high - several.value == pytest.approx(half, rel=1e-4)
 
 
-def test_a_number_that_is_no_estimate_has_the_range_of_its_values_with_the_digits_of_the_mean():
+def test_a_number_that_is_no_estimate_has_the_range_of_its_values():
     number = numbers_of(impedance=SOUND)["K_bias_PD_1"]
 
     assert (number.low, number.high) == pytest.approx((1, 3))
@@ -126,7 +126,7 @@ def test_trials_without_a_stated_K_d_are_conditions_of_their_own():
     assert {"K_PD_1_B_d_5_b", "K_PD_1_B_d_5_d"} <= set(numbers_of(impedance=both))
 
 
-def test_a_mean_of_a_summary_keeps_interval_and_number_and_stands_beside_the_draft():
+def test_a_mean_of_a_summary_keeps_interval_and_number_beside_the_draft():
     (number,) = headline_numbers({"belt_summary": BELT})
     assert (number.value, number.low, number.high, number.n) == (690, 680, 700, 10)
     assert number.draft == 685.6
@@ -152,7 +152,7 @@ def test_every_claim_has_its_verdict():
     assert (number.name, number.unit, number.verdict) == ("K_ok", "%", "holds")
 
 
-def test_macros_are_letters_and_each_line_of_latex_is_a_definition_or_a_comment():
+def test_macros_are_letters_and_lines_definitions_or_comments():
     both = pl.concat(IMPEDANCE.with_columns(controller=pl.lit(name)) for name in ("PD+", "PD 1"))
 
     tex = macros_tex(ABOUT, headline_numbers({"impedance": both}), ["1 of 2 trials"])
@@ -266,7 +266,7 @@ def test_table_1_has_what_is_measured_and_else_what_is_stated(beside_draft, draf
     assert "| k_tau [N*m/A] | 0.120 (0.110 to 0.130) | 3 |" in page.read_text()
 
 
-def test_a_run_ends_with_at_most_ten_lines_of_answer_counts_numbers_and_findings():
+def test_a_run_ends_with_ten_lines_at_most_of_answer_and_findings():
     finding = CampaignFinding(
         verdict="doubtful", subject="impedance trials", name="friction", cause="friction",
         says="", size="B 2.1. More", remedy="", n=3, brief="report B " + 20 * "once more ",

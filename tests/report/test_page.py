@@ -66,7 +66,7 @@ PARTS = (
 BUDGET = table_of(budget_rows(PLACE, {"K": Budget(300.0, PARTS)}), "budget")
 
 
-def test_an_estimate_has_its_verdict_the_parts_of_its_interval_and_what_is_not_known():
+def test_an_estimate_has_verdict_parts_of_its_interval_and_unknowns():
     fit = pl.DataFrame([{**PLACE, "K": 300.0, "K_verdict": "torque path"}])
 
     (shown,) = trial_view(ROW, {"impedance": fit, "budget": BUDGET}, [], None, None)["budgets"]
@@ -90,7 +90,7 @@ def test_a_table_for_a_paper_has_the_parts_of_each_controller():
     assert interval_rows(BUDGET, pl.DataFrame(), [])[1][:2] == ["–", "K [N*m/rad]"]
 
 
-def test_the_table_of_parts_has_the_mean_over_trials_that_scatter_beside_them():
+def test_the_table_of_parts_has_the_mean_over_trials_beside_them():
     own = table_of(budget_rows(PLACE, {"K_s": Budget(684.0, PARTS)}), "budget")
     mean = pl.DataFrame([{"quantity": "K_s", "low": 679.5, "high": 689.3}])
 
@@ -145,7 +145,7 @@ def test_the_page_has_the_offset_where_the_fit_has_it(shown, model):
     assert model in written_page(page(view(), **dict.fromkeys(shown, rows)))
 
 
-def test_figures_are_drawn_inline_with_names_of_their_own_and_links_to_trials():
+def test_inline_figures_have_names_of_their_own_and_links_to_trials():
     svg = (
         '<?xml?><svg><g id="a"/><use href="#a" clip-path="url(#a)"/>'
         '<a href="../report.html#trial=a"/></svg>'

@@ -118,7 +118,7 @@ def test_stamps_that_wander_slowly_are_kept_where_nothing_decides():
     assert (row["stamps"], row["firm"]) == ("exact", False)
 
 
-def test_samples_of_a_clock_that_creeps_lie_about_its_line_where_the_stamps_do():
+def test_samples_of_a_creeping_clock_lie_where_its_stamps_do():
     taken = MINUTE + 0.02 * np.sin(2 * np.pi * MINUTE / 30)
     stamps = jittered(taken, 2e-4, np.random.default_rng(7))
 
@@ -283,7 +283,7 @@ def test_every_missing_sample_is_found_at_its_place(lost, jitter, late, share_mi
 
 
 @pytest.mark.parametrize(("missing", "left_out"), [(20, []), (21, [20.0 - 0.2, 20.022 + 0.2])])
-def test_a_gap_is_bridged_up_to_20_ms_and_left_out_with_its_surroundings_beyond(missing, left_out):
+def test_a_gap_is_bridged_up_to_20_ms_and_left_out_beyond(missing, left_out):
     t = clock(1000.0)
     left = np.delete(t, np.arange(20_001, 20_001 + missing))
 
@@ -368,9 +368,7 @@ def test_a_clock_that_is_slow_by_100_ppm_is_said_to_be():
      r"cell .*70\.0000 s .*59\.9900 s"),
     (two_nodes(np.random.default_rng(1), (0.0, 7e-3)), r"cell: .*\d+\.\d+ ms .*samples"),
 ])  # fmt: skip
-def test_streams_that_do_not_overlap_and_a_host_so_late_that_it_hides_its_rhythm_are_refused(
-    streams, told
-):
+def test_streams_apart_and_a_host_that_hides_its_rhythm_are_refused(streams, told):
     with refused_with(told):
         one_time_base(streams)
 
@@ -474,7 +472,7 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
 # ---- The cache of a trial
 
 
-def test_latency_of_a_part_of_a_step_is_taken_off_as_far_as_it_is_always_there():
+def test_latency_of_a_part_of_a_step_is_taken_off_where_it_is_constant():
     """Messages wait 0.05 steps on average, and some hardly: samples are as early as these."""
     count = np.arange(2000)
     stamps = 0.01 * count + np.random.default_rng(4).exponential(0.0005, 2000)

@@ -50,7 +50,7 @@ def run(
     return f"{said.read_text()}\nexit code {it.returncode}"
 
 
-def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_the_next_run(
+def test_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_later(
     tmp_path,
 ):
     """Four trials of the bench, two in each submission; one recording is broken."""

@@ -180,7 +180,7 @@ def test_a_record_without_the_commanded_sines_is_refused_with_what_it_is(theta, 
         segments_of(theta)
 
 
-def test_sines_of_another_protocol_are_taken_each_size_under_its_own_amplitude():
+def test_sines_of_another_protocol_are_taken_by_their_own_amplitudes():
     """Of a size a bench loses some: 7.9 deg counts as 8."""
     sizes_deg = [8.02, 4.01, 7.9, 0.34]
     rest = np.zeros(500)

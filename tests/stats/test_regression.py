@@ -140,7 +140,7 @@ def test_two_trials_that_agree_by_luck_are_covered_as_often_as_others(between):
     assert narrowest == pytest.approx(1.959964 * 2 / np.sqrt(2))
 
 
-def test_an_error_that_all_trials_share_is_once_in_the_interval_of_their_mean():
+def test_an_error_that_trials_share_is_once_in_the_interval_of_a_mean():
     """Of two trials that agree, each with its own SD of 3 beside the bench's of 4."""
     own = {"x_low": 1 - 1.959964 * 5, "x_high": 1 + 1.959964 * 5, "x_se_bench": 4.0}
 

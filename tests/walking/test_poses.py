@@ -168,7 +168,7 @@ FLAT = [pl.col(f"marker_FOOT{k}_{axis}") * 0 for k in range(1, 5) for axis in "y
     (replace(static_trial(), samples=static_trial().samples.drop("marker_FOOT3_x")),
      "'FOOT3'.*'FOOT[124]'"),
 ])  # fmt: skip
-def test_a_static_marker_that_is_hidden_or_lacks_and_a_cluster_on_a_line_are_refused(
+def test_a_hidden_static_marker_and_a_cluster_on_a_line_are_refused(
     trial: Trial, told: str
 ) -> None:
     with refused_with(told):

@@ -167,7 +167,7 @@ def test_files_of_a_refused_trial_have_the_columns_of_those_of_a_sound_one(odd):
     assert tables[1] == tables[0]
 
 
-def test_all_of_snakemake_that_is_not_documented_was_tried_with_the_release_that_is_installed():
+def test_what_snakemake_does_not_document_was_tried_with_this_release():
     minor = tuple(map(int, version("snakemake").split(".")[:2]))
 
     oldest, newest = (tuple(map(int, release.split("."))) for release in TRIED)

@@ -88,7 +88,7 @@ def test_every_trial_is_used_and_has_its_rows(workspace):
     assert workspace.table("excluded").is_empty()
 
 
-def test_a_run_ends_with_its_headline_numbers_and_the_page_also_where_nothing_is_left_to_do(
+def test_a_run_ends_with_its_headline_numbers_also_with_nothing_to_do(
     workspace,
 ):
     summary = json.loads((workspace.folder / "results/summary.json").read_text())
@@ -157,7 +157,7 @@ NOT_GIVEN = {"table": {"evidence", "evidence_columns"}}  # of some tables only
 """Arguments with defaults that a rule may leave out."""
 
 
-def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_out(every_job):
+def test_what_a_rule_names_are_all_arguments_of_its_function(every_job):
     functions = functions_of_rules()
     seen = set()
     for job in every_job:
@@ -215,9 +215,7 @@ def test_belt_and_transmission_are_those_that_made_the_recordings(workspace):
     assert ((lossy["B_j"] - 0.452).abs() < 2 * (lossy["B_j_high"] - lossy["B_j"])).all()
 
 
-def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_alone(
-    workspace, tmp_path
-):
+def test_changed_settings_give_a_fresh_run_s_bytes_and_redo_what_uses_them(workspace, tmp_path):
     """Of thresholds and limits no trial is ingested or fitted again. Of the filter of the bench,
     what is ingested, simulated and fitted elsewhere stays."""
     changes = {
@@ -268,7 +266,7 @@ def test_the_lines_for_pandas_read_the_results(workspace, monkeypatch, capsys):
     assert "K_bias_compensated" in capsys.readouterr().out
 
 
-def test_a_comment_in_a_source_file_makes_nothing_again_and_a_value_its_trials(workspace, tmp_path):
+def test_a_comment_in_a_source_file_makes_nothing_again_a_value_does(workspace, tmp_path):
     space = Workspace(tmp_path, workspace)
     source = tmp_path / "config/sources/dynamometer.yaml"
 
@@ -422,7 +420,7 @@ BAD = {
 }
 
 
-def test_a_run_with_bad_trials_ends_with_a_line_for_each_with_file_reason_and_remedy(laboratory):
+def test_a_run_with_bad_trials_ends_with_file_reason_and_remedy_of_each(laboratory):
     assert laboratory.code == 1
     assert "Traceback" not in laboratory.said
     said = laboratory.said.partition("NOT ANALYSED: 4 ")[2].splitlines()[1:]
@@ -471,7 +469,7 @@ def test_what_is_accepted_or_excluded_by_the_sheet_makes_the_run_a_success(labor
     assert "belt_01 (lost)" in result.stdout
 
 
-def test_another_recording_is_seen_by_its_size_with_whatever_date_and_a_touched_one_is_the_same(
+def test_another_recording_is_seen_by_its_size_and_a_touched_one_is_not(
     laboratory,
 ):
     log = laboratory.folder / "raw_data/small/dynamometer/belt_02.mcap"

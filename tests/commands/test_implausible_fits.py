@@ -154,7 +154,7 @@ def test_a_sound_recording_is_not_doubtful(experiment, changes):
     ("transmission", {"torque": 0.01}, "another unit", "B_j_ratio", "below"),
     # within the limits of a device that differs, a factor between units is named where a witness
     # agrees
-    *(("belt", {"torque": 1.3558**k}, "another unit", "K_s_ratio", "near") for k in (1, -1)),
+    ("belt", {"torque": 1 / 1.3558}, "another unit", "K_s_ratio", "near"),
     ("transmission", {"torque": 1.3558}, "another unit", "B_j_ratio", "near"),
     *(("actuator", {"current": factor}, "another unit", "k_tau_n_m_ratio", side)
       for factor, side in ((1.5**0.5, "near"), (2**0.5, "below"), (3**-0.5, "above"))),

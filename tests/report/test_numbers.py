@@ -169,7 +169,6 @@ def test_macros_are_letters_and_lines_definitions_or_comments():
     [
         (300.123, 298.71, 301.62, "300.1 298.7 301.6"),
         (14.0, None, None, "14"),
-        (99.7541, None, None, "99.75"),
         (99.99863, None, None, "99.9986"),
         (98.76, None, None, "98.8"),
         (-0.0004, -0.012, 0.011, "0.000 -0.012 0.011"),

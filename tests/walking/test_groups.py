@@ -105,7 +105,7 @@ def test_an_unstated_condition_serves_every_value():
 
 @pytest.mark.parametrize(
     ("column", "is_perturbed"),
-    [("K_d", True), ("speed", False), ("side", False), ("session", False)],
+    [("K_d", True), ("speed", False), ("side", False)],
 )
 def test_a_condition_that_only_some_crossings_state_is_refused(column, is_perturbed):
     """An unperturbed one has a pace too."""

@@ -414,7 +414,6 @@ def test_the_pressure_is_where_the_force_acts():
 @pytest.mark.parametrize(("force", "along"), [
     ([20.0, 700, 30], r"\+y .up to 700"),
     ([20.0, 30, -700], "-z .up to 700"),
-    ([-700.0, 30, 10], "-x .up to 700"),
 ])  # fmt: skip
 def test_a_load_that_does_not_act_upwards_is_refused(force, along):
     with refused_with(rf"{along}.*; .*`axes`.* C3D file in the recorder, .*`sign`"):

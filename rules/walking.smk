@@ -34,6 +34,7 @@ rule calibrate_markers:
             **CONFIG.walking.part("CalibrationSettings"),
             "side": PLACES[wildcards.trial]["side"],
         },
+        body_mass_kg=cell("body_mass_kg"),
         excluded=lambda wildcards: excluded([wildcards.trial]),
         made_by=MADE_BY,
     run:

@@ -40,6 +40,7 @@ from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows
 from osl_analysis.walking.isolated_response import UnperturbedGait, unperturbed_gait
+from osl_analysis.walking.plate import check_weight
 from osl_analysis.walking.plate_inertia import (
     NO_CORRECTION,
     NOT_REMOVED,
@@ -137,10 +138,17 @@ def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Cross
     return [read_crossing(path) for path in crossings if path.stem not in excluded]
 
 
-def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) -> None:
-    """Marker clusters, ankle centre and axis of the static trial, to a JSON file."""
+def calibrate(
+    trial: Path,
+    settings: choices.CalibrationSettings,
+    output: Path,
+    body_mass_kg: float | None = None,
+) -> None:
+    """Marker clusters, ankle centre and axis of the static trial, to a JSON file. `body_mass_kg` is
+    that of a person whom the plates carry."""
     recorded = read_trial(trial)
     with naming(f"trial {recorded.name}"):
+        check_weight(recorded, body_mass_kg)
         calibration = static_calibration(recorded, settings)
     write_model(calibration, output)
 

@@ -420,8 +420,8 @@ def analyse_crossing(
     # What shows that the set-up is right
     undisturbed_torque = torque if passage.onset is None else np.zeros_like(torque)
     check_roll(phase, load, push, undisturbed_torque)
-    clusters = passage.recorded.values()
-    bridged = np.any([pose.bridged[passage.rows] for pose in clusters], axis=0)
+    inside = passage.stance.contains(passage.frames)
+    bridged = np.any([pose.bridged[inside] for pose in passage.recorded.values()], axis=0)
 
     turn = None
     if passage.onset is not None:
@@ -435,7 +435,7 @@ def analyse_crossing(
         load=load,
         stance=passage.stance,
         onset=passage.onset,
-        bridged=np.mean(bridged[passage.stance.contains(passage.time)]),
+        bridged=float(np.mean(bridged)),
         changes=changes_of(torques, reactions[0], passage.poses["platform"].rotation, ankle),
         quality=crossing_quality(trial, passage, ankle, load, calibration, settings),
         turn=turn,

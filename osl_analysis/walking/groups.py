@@ -27,8 +27,9 @@ OF_STATIC = ("subject", "session", "side")  # those in which a crossing agrees w
 ALL = "all"  # name of the group of a campaign that is not split
 LEFT_OUT = "left out"  # status of a crossing that was not read, or that sheet or quality exclude
 # Measures of a crossing's set-up that a group has the mean of
-MEASURED_IN_CROSSINGS = ("marker_noise_ratio", "foot_residual_ratio", "turn_share")
-LOADED = "another foot or a hand on the plate"  # as the cause of another torque or load
+MEASURED_IN_CROSSINGS = ("cop_outside_m", "marker_noise_ratio", "foot_residual_ratio", "turn_share")
+# as the cause of another torque or load
+LOADED = "another foot or a hand on the plate, or a part of this foot beside it"
 SEPARATOR = "; "  # between the names of groups in one cell; no name has a semicolon
 
 Cells = Mapping[str, object]
@@ -297,9 +298,10 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     stance = np.array([crossing.stance.duration for crossing in crossings])
     theta = curves_of(crossings, "theta", before)
     torque = curves_of(crossings, "torque", before)
-    load, pressure = curves_of(crossings, "load", middle)[:2]
+    # until the toes leave: of a foot that lands over an edge, what pushes off loads no plate
+    load = curves_of(crossings, "load", PHASES[PHASES >= SINGLE_SUPPORT[0]])[0]
+    pressure = curves_of(crossings, "load", middle)[1]
     usual = np.median(load.mean(axis=1))
-    percent = "% of the usual load"
     unchanged = [
         Measure(
             "deviation in angle before the onset",
@@ -313,8 +315,8 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     changed = [
         Measure("stance", "s", stance, rule.stance_s, "another pace, or a stumble"),
         Measure(
-            "deviation in load in single support",
-            percent,
+            "deviation in load until toe-off",
+            "% of the usual load",
             100 * load / usual,
             100 * rule.load_share,
             LOADED,
@@ -323,10 +325,10 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     ]
 
     # What a perturbation changes is compared among those of each direction
-    same_kind = np.zeros(len(crossings), dtype=int)
     turned = [crossing.direction or "" for crossing in crossings]
-    directions = np.unique(np.array(turned, dtype=str), return_inverse=True)[1]
-    everything = np.ones(len(crossings), dtype=bool)
+    directions = np.unique(turned, return_inverse=True)[1]
+    same_kind = np.zeros_like(directions)
+    everything = np.ones_like(directions, dtype=bool)
     before_onset, within = among_sound(unchanged, same_kind, everything, rule.limit)
     later, _ = among_sound(changed, directions, within, rule.limit)
     return before_onset + later
@@ -418,10 +420,9 @@ def exclusion_reason(
 
 def crossing_row(crossing: Crossing, reason: str | None) -> dict[str, object]:
     """What one row of `walking_crossings.csv` says of a crossing's quality."""
-    shown = ("cop_outside_m", "different", "different_mm", *MEASURED_IN_CROSSINGS)
     return {
         "status": "used" if reason is None else "outlier",
         "reason": reason,
         "stance_s": crossing.stance.duration,
-        **{name: getattr(crossing.quality, name) for name in shown},
+        **vars(crossing.quality),
     }

@@ -75,7 +75,7 @@ def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:
     It is the deviation of its torque, less what Eq. 15 explains by the deviation of its angle.
     """
     deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
-    K, B, I = fit["K"], fit["B"], fit["I"]
+    K, B, I = fit.estimates
     explained = K * deviation.theta + B * deviation.omega + I * deviation.alpha
     return response.torque - response.torques - explained.T
 
@@ -126,4 +126,4 @@ def best_predictors(
         free_share = np.maximum(1 - np.diag(hat), 1e-9)
         predicted = (curves - hat @ curves) / free_share[:, None]
         errors[predictors] = np.sum(predicted**2)
-    return min(errors, key=lambda predictors: errors[predictors])
+    return min(errors, key=errors.__getitem__)

@@ -16,7 +16,7 @@ from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.ingest.force_plates import beside, plate_axes
 from osl_analysis.signals.filters import LowPass, runs, sampling_rate
-from osl_analysis.walking.poses import SIZES_M, Mask
+from osl_analysis.walking.poses import FREE_FALL, SIZES_M, Mask
 from osl_analysis.walking.walking_settings import CrossingSettings
 
 FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
@@ -100,6 +100,7 @@ def only_stance(time: Array, force: Array, settings: CrossingSettings) -> Stance
 CLIPPED_S = 0.02
 DEAD_S = 0.1  # of one value in a channel while the force on the plate changes
 LARGEST_LOAD_N = 8000.0  # ten times the weight of 80 kg
+LARGEST_GAIN_ERROR = 0.03  # of a standing person's weight: clothes and a scale leave 1 % each
 
 
 WrenchReader = Callable[[float], Array]
@@ -210,6 +211,24 @@ def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> No
             f"force plate {plate} reads up to {peak:.3g} N, expected less than"
             f" {LARGEST_LOAD_N:g} N under a person",
             "correct the unit of its forces (`plate_units` in the source file)",
+        )
+
+
+def check_weight(static: Trial, mass_kg: float | None) -> None:
+    """Refuse a static trial whose plates do not carry the person that its row of the sheet states,
+    `mass_kg`: a gain that is wrong is in all torques."""
+    if mass_kg is None:
+        return
+    plates = [facts["plate"] for facts in static.provenance.get("plates", [])]
+    load = sum(np.median(recorded_wrench(static, plate)[1][:, 2]) for plate in plates)
+    share = load / (mass_kg * np.linalg.norm(FREE_FALL))
+    if abs(share - 1) > LARGEST_GAIN_ERROR:
+        raise InputError(
+            f"the plates carry {share:.2f} of the weight of {mass_kg:g} kg that this row of the"
+            f" sheet states, expected 1 within {LARGEST_GAIN_ERROR:g}: a plate's gain is wrong, or"
+            " a part of the person stands beside the plates",
+            "correct the gain in the recorder, and export all trials again; where the plates carry"
+            " a part of the person, leave body_mass_kg of this row empty",
         )
 
 

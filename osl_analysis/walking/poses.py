@@ -100,7 +100,8 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
     clusters = {}
     for segment, names in markers.clusters.items():
         clusters[segment] = mean_positions(trial, names)
-        if not spans_a_plane(np.array(list(clusters[segment].values()))):
+        places = np.array(list(clusters[segment].values()))
+        if not cluster_poses(places, places[None]).seen().all():
             raise InputError(
                 f"the {segment} markers {', '.join(names)} lie on a line or"
                 " are fewer than three, expected three or more that span a plane",
@@ -232,38 +233,28 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
     ----------
     Kabsch, Acta Cryst. A32 (1976) 922.
     """
-    n = len(observed)
+    # All is zero of occluded markers, so that they have no weight
+    seen = np.isfinite(observed).all(axis=2, keepdims=True)
+    count = np.maximum(seen.sum(axis=1), 1)
+    markers = np.where(seen, observed, 0.0)
+    reference_centroid = np.sum(seen * reference, axis=1) / count
+    centroid = markers.sum(axis=1) / count
+    local = seen * (reference - reference_centroid[:, None])
+    centred = seen * (markers - centroid[:, None])
+
+    U, squares, Vt = np.linalg.svd(np.swapaxes(local, 1, 2) @ centred)
+    U[:, :, 2] *= (np.linalg.det(U) * np.linalg.det(Vt))[:, None]  # no reflection
+    rotation = np.swapaxes(U @ Vt, 1, 2)
     origin = reference.mean(axis=0)
-    rotation = np.full((n, 3, 3), np.nan)
-    position = np.full((n, 3), np.nan)
-    residual = np.full(n, np.nan)
+    position = centroid + np.einsum("nij,nj->ni", rotation, origin - reference_centroid)
 
-    # Frames with the same set of visible markers are fitted together
-    seen = np.asarray(np.isfinite(observed).all(axis=2))
-    patterns, pattern_of = np.unique(seen, axis=0, return_inverse=True)
-    for number, visible in enumerate(patterns):
-        rows = np.flatnonzero(pattern_of == number)
-        if not spans_a_plane(reference[visible]):
-            continue
-        reference_centroid = reference[visible].mean(axis=0)
-        local = reference[visible] - reference_centroid
-        markers = observed[rows][:, visible]
-        centroid = markers.mean(axis=1)
-        centred = markers - centroid[:, None]
-
-        U, _, Vt = np.linalg.svd(local.T @ centred)
-        U[:, :, 2] *= (np.linalg.det(U) * np.linalg.det(Vt))[:, None]  # no reflection
-        R = np.swapaxes(U @ Vt, 1, 2)
-
-        lack_of_fit = local @ (U @ Vt) - centred
-        rotation[rows] = R
-        position[rows] = centroid + R @ (origin - reference_centroid)
-        residual[rows] = np.sqrt(np.mean(np.sum(lack_of_fit**2, axis=2), axis=1))
-
-    wrong = residual > largest_residual
-    rotation[wrong] = np.nan
-    position[wrong] = np.nan
-    return Poses(rotation, position, origin, residual, np.zeros(n, dtype=bool))
+    lack_of_fit = local @ (U @ Vt) - centred
+    residual = np.linalg.norm(lack_of_fit, axis=(1, 2)) / np.sqrt(count[:, 0])
+    spans_a_plane = squares[:, 1] > SMALLEST_WIDTH**2 * squares[:, 0]
+    wrong = ~spans_a_plane | (residual > largest_residual)
+    for values in (rotation, position, residual):
+        values[wrong] = np.nan
+    return Poses(rotation, position, origin, residual, np.zeros(len(observed), dtype=bool))
 
 
 def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, float]:
@@ -298,14 +289,6 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, fl
     return moved, float(np.linalg.norm(form[moved] - expected))
 
 
-def spans_a_plane(points: Array) -> bool:
-    """Whether points (m, 3) are three or more and do not lie on a line."""
-    if len(points) <= 2:
-        return False
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] > SMALLEST_WIDTH * spread[0])
-
-
 def bridge_gaps(time: Array, reference: Array, poses: Poses, longest: float) -> Poses:
     """Interpolate gaps of up to `longest` [s]: the paths of the markers, at `reference` (m, 3) [m],
     by cubics through the frames on either side.
@@ -325,12 +308,10 @@ def bridge_gaps(time: Array, reference: Array, poses: Poses, longest: float) -> 
         paths[gap] = np.polynomial.polynomial.polyval(time[gap] - middle, cubic).T
         bridged[gap] = True
 
-    rotation = poses.rotation.copy()
-    position = poses.position.copy()
-    filled = cluster_poses(reference, paths[bridged].reshape(-1, *reference.shape))
-    rotation[bridged] = filled.rotation
-    position[bridged] = filled.position
-    return replace(poses, rotation=rotation, position=position, bridged=bridged)
+    if not bridged.any():
+        return poses
+    filled = cluster_poses(reference, paths.reshape(-1, *reference.shape))
+    return replace(filled, residual=poses.residual, bridged=bridged)
 
 
 def gap_duration(time: Array, gap: slice) -> float:

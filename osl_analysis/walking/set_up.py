@@ -132,7 +132,7 @@ def crossing_quality(
     above_m = passage.corners[:, 2].mean() - heights.min(initial=np.inf)
     what = f"the corners of force plate {settings.plate} above a marker that is over it"
     unlike_static[what] = max(above_m, 0.0)
-    different = max(unlike_static, key=lambda what: unlike_static[what])
+    different = max(unlike_static, key=unlike_static.__getitem__)
     return CrossingQuality(
         cop_outside_m=cop_outside(pressure, markers),
         different=different,
@@ -189,7 +189,7 @@ def check_place(corners: Array, plate: int, in_static: Mapping[int, Array]) -> N
     moved_m = {
         number: np.linalg.norm(static.mean(axis=0) - centre) for number, static in in_static.items()
     }
-    nearest = min(moved_m, key=lambda number: moved_m[number], default=plate)
+    nearest = min(moved_m, key=moved_m.__getitem__, default=plate)
     if moved_m.get(plate, 0.0) > OTHER_PLACE_M > moved_m.get(nearest, 0.0):
         raise InputError(
             f"force plate {plate} stands where plate {nearest} stood in the static trial,"

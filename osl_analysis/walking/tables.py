@@ -311,7 +311,6 @@ def conditions_of(
     stances = pl.Series(gait.stance if gait is not None else [], dtype=pl.Float64)
     stance = stances.mean()
     different, different_mm = set_up_difference(of_group)
-    measured = ("cop_outside_m", *MEASURED_IN_CROSSINGS)
     return {
         "group": group,
         "n": len(used),
@@ -323,7 +322,7 @@ def conditions_of(
         "left_out_share": shares["reason"].max(),
         "different": different,
         "different_mm": different_mm,
-        **used.select(pl.col(measured).cast(pl.Float64).mean()).row(0, named=True),
+        **used.select(pl.col(MEASURED_IN_CROSSINGS).cast(pl.Float64).mean()).row(0, named=True),
         "plate_height_m": plate.certain_height,
         "plate_mass_kg": plate.mass,
         "plate_lag_s": timing.lag,

@@ -186,12 +186,12 @@ def reasons(crossings):
     return {name: str(row["reason"]) for name, row in rows.items() if row["reason"] is not None}
 
 
-def loaded(c, share=1.0, left=0.01, mass=None, seed=0):
-    """The crossing of 70 kg with a share of its load, and its centre of pressure [m] to the left of
-    the ankle."""
+def loaded(c, share=1.0, left=0.01, mass=None, seed=0, late=1.0):
+    """The crossing of 70 kg with a share of its load, of the last fifth also `late`, and its centre
+    of pressure [m] to the left of the ankle."""
     force_noise, pressure_noise = white_noise(2, seed)
     phase = np.clip(c.stance.phase(c.time), 0, 1)
-    shape = np.clip(np.sin(np.pi * phase) * 1.15, 0, 0.95)
+    shape = np.clip(np.sin(np.pi * phase) * 1.15, 0, 0.95) * np.where(phase > 0.8, late, 1)
     force = share * (1 + 0.02 * force_noise) * 9.81 * 70 * shape
     load = np.array([force, np.full_like(force, left + 0.002 * pressure_noise)])
     return replace(c, load=load, torque=share * c.torque, body_mass=mass)
@@ -201,7 +201,7 @@ LAST = session()[-1]
 
 
 @pytest.mark.parametrize(("changes", "message"), [
-    ({"stance": replace(LAST.stance, toe_off=1.3)}, "stance is 1 s"),
+    (vars(crossing("w10", stance=1.0)), "stance is 1 s"),
     ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "markers that jump"),
 ])  # fmt: skip
 def test_an_outlier_is_named_with_the_reason(changes, message):
@@ -223,10 +223,11 @@ def test_crossings_that_hardly_differ_exclude_nobody():
     assert reasons(loaded_session()) == {}
 
 
-def test_another_load_and_a_second_foot_are_named():
+def test_another_load_a_second_foot_and_a_foot_over_an_edge_are_named():
     light = reasons(loaded_session(share=0.7))["w10"]
     assert re.search(r"load .* 3\d(\.\d)? % of.*another foot", light)
     assert " m " in reasons(loaded_session(left=0.04))["w10"]
+    assert "load until toe-off" in reasons(loaded_session(late=0.6))["w10"]
 
 
 def test_four_of_twelve_do_not_hide_in_the_scatter_that_they_make():

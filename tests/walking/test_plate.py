@@ -36,6 +36,7 @@ from osl_analysis.walking.plate import (
     Stance,
     check_plate,
     check_vertical,
+    check_weight,
     recorded_corners,
     wrench_reader,
     zeroed_wrench,
@@ -120,6 +121,15 @@ def test_all_ten_parameters_come_out_where_all_axes_turn():
     model = identify_plate_inertia(shown(recordings))
 
     np.testing.assert_allclose(model.parameters, TRUE, rtol=1e-7, atol=1e-9)
+
+
+def test_a_gain_shows_where_the_plates_carry_a_stated_weight():
+    standing = changed(static_trial(), plate1_force_z=pl.lit(0.96 * 50 * G))
+
+    check_weight(standing, None)
+    check_weight(standing, 49.0)
+    with refused_with("the plates carry 0.96 of the weight of 50 kg"):
+        check_weight(standing, 50.0)
 
 
 def headed(recording, heading):

@@ -16,7 +16,6 @@ OMEGA = 2 * np.pi * 5.0  # rad/s; second differences of this motion are large, t
 TORQUE = 30.0 * np.cos(OMEGA * TIME) + 0.01 * NOISE[1]  # N*m
 USUAL_BEND = np.quantile(np.abs(np.diff(TORQUE, 3)), 0.99)  # N*m
 BESIDE_GAP = np.delete(np.arange(ROWS), np.arange(700, 730))
-SCATTERED = TIME + 0.4 / RATE_HZ * np.random.default_rng(4).uniform(-1, 1, ROWS)
 
 
 def changed(values, rows, new):
@@ -59,11 +58,6 @@ LEAPS = {
         [3.5],
     ),
     "a block of zeros": (TIME, changed(TORQUE, slice(700, 760), 0.0), BORDERS),
-    "stamps that scatter": (
-        SCATTERED,
-        changed(TORQUE, [700, 760], TORQUE[[700, 760]] + 9),
-        BORDERS,
-    ),
 }
 
 

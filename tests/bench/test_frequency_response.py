@@ -4,6 +4,7 @@
 import numpy as np
 import polars as pl
 import pytest
+import scipy
 from any_motion import chirp, made_trial, multisine
 from bench_synthetic import second_order, stepped_sine, with_settings
 from shipped import CONFIG
@@ -55,59 +56,40 @@ def test_the_response_to_sines_is_the_joint_s_at_each_amplitude_and_over_all():
     assert table["scope"].to_list() == ["amplitude"] * 6 + ["all"] * 3
     assert table["magnitude"].to_numpy() == pytest.approx(np.abs(Y), rel=1e-4)
     assert table["phase_deg"].to_numpy() == pytest.approx(np.rad2deg(np.angle(Y)), abs=0.01)
-    assert table["damping"].to_numpy() == pytest.approx(B, rel=5e-3)
-    assert table["stiffness"].to_numpy() == pytest.approx((1 / Y).real, rel=1e-3)
 
 
-@pytest.mark.parametrize("amplitudes", [1, 2])
-def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes(amplitudes):
-    """95 % of 400 records of six cycles of Y = 1/(200 + 40 j) with a noisy torque; a normal
-    quantile would reach 90 %."""
-    Z = 200 + 40j
+def test_few_cycles_have_student_s_interval_and_their_mean_has_welch_s():
+    """By SciPy, of two amplitudes whose cycles scatter by 0.1 and by 0.2 N*m/rad."""
+    scatter = np.random.default_rng(0).normal(0, [[0.1], [0.2]], (2, 6))
     theta = np.full(6, 0.05 + 0j)
-    covered = []
-    for seed in range(400):
-        responses = []
-        for k in range(amplitudes):
-            rng = np.random.default_rng(10 * seed + k)
-            noise = rng.standard_normal(6) + 1j * rng.standard_normal(6)
-            torque = Z * theta + (0.5 + k) * noise
-            responses.append(response_of_pieces(1.0, theta, torque, np.arange(6)))
-        row = mean_response(responses).to_row(RECORD)
-        truths = {
-            "magnitude": abs(1 / Z),
-            "phase_deg": -np.rad2deg(np.angle(Z)),
-            "stiffness": Z.real,
-            "damping": Z.imag / (2 * np.pi),
-        }
-        covered.append([row[f"{n}_low"] <= t <= row[f"{n}_high"] for n, t in truths.items()])
+    first, second = (
+        response_of_pieces(1.0, theta, (200 + 40j + each) * theta, np.arange(6)) for each in scatter
+    )
 
-    of_each = np.mean(covered, axis=0)
-    assert ((of_each > 0.92) & (of_each < 0.98)).all(), of_each
+    low = first.to_row(RECORD)["stiffness_low"]
+    low_of_mean = mean_response([first, second]).to_row(RECORD)["stiffness_low"]
+
+    student = scipy.stats.ttest_1samp(scatter[0], 0).confidence_interval()
+    welch = scipy.stats.ttest_ind(scatter[0], -scatter[1], equal_var=False).confidence_interval()
+    assert low - 200 == pytest.approx(student.low, abs=2e-3)
+    assert low_of_mean - 200 == pytest.approx(welch.low / 2, abs=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("stated", "magnitude", "phase"),
-    [
-        ({"calibration": Calibration(angle_gain=0.02)}, 0.02, 0.0),
-        ({"calibration": Calibration(delay=2e-3)}, 0.0, 2 * np.pi * 2e-3),
-        (
-            {"bench_stiffness": BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad")},
-            100 * 300 / 3000**2 * 0.6,
-            100 * 300 / 3000**2 * 0.8,
-        ),
-    ],
-)
-def test_errors_of_the_bench_stretch_turn_and_shift_a_response(stated, magnitude, phase):
+def test_errors_of_the_bench_stretch_turn_and_shift_a_response():
     """All amplitudes share them: a mean over amplitudes does not lessen them."""
-    record = with_settings(RECORD, **stated)
+    record = with_settings(
+        RECORD,
+        calibration=Calibration(angle_gain=0.02, delay=2e-3),
+        bench_stiffness=BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad"),
+    )
     exact = Response(1.0, (0.6 - 0.8j) / 100, np.zeros(6, complex), 5.0)
 
     row = mean_response([exact, exact]).to_row(record)
 
-    halves = [row[f"{name}_high"] - row[name] for name in ("magnitude", "phase_deg")]
-    assert halves[0] == pytest.approx(1.96 * magnitude / 100, rel=1e-3, abs=1e-12)
-    assert halves[1] == pytest.approx(1.96 * np.rad2deg(phase), rel=1e-3, abs=1e-9)
+    shift = 100 * 300 / 3000**2 * np.array([0.6, 0.8])
+    stretch, turn = 1.96 * np.hypot([0.02, 2 * np.pi * 2e-3], shift)
+    assert row["magnitude_high"] - row["magnitude"] == pytest.approx(stretch / 100, rel=1e-3)
+    assert row["phase_deg_high"] - row["phase_deg"] == pytest.approx(np.rad2deg(turn), rel=1e-3)
 
 
 # ---- Other motions
@@ -126,27 +108,20 @@ def recorded(rng, motion, friction=0.0):
     return record_of_trial(trial, CONFIG.dynamometer.model_copy(update={"excitation": "any"}))
 
 
-@pytest.mark.parametrize(
-    "motion_of",
-    [lambda rng: chirp(rng, band=(0.4, 6.4))[1], lambda rng: multisines(rng, 4)],
-    ids=["windows", "periods"],
-)
-def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(motion_of):
+def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals():
     covered = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
-        table = table_of_record(recorded(rng, motion_of(rng)))
+        table = table_of_record(recorded(rng, chirp(rng, band=(0.4, 6.4))[1]))
         Y = eq15(table["frequency_hz"])
 
         assert table["magnitude"].to_numpy() == pytest.approx(np.abs(Y), rel=2e-3)
         told = table.drop_nulls("magnitude_low")
-        assert len(told) > 5
-        assert (told["magnitude_high"] < 2 * told["magnitude"]).all()
-        of_told = eq15(told["frequency_hz"])
-        covered.append(holds(told, "magnitude", np.abs(of_told)))
-        covered.append(holds(told, "phase_deg", np.rad2deg(np.angle(of_told))))
+        Y = eq15(told["frequency_hz"])
+        covered.append(holds(told, "magnitude", np.abs(Y)))
+        covered.append(holds(told, "phase_deg", np.rad2deg(np.angle(Y))))
 
-    assert 0.9 < np.mean(covered) <= 1
+    assert np.mean(covered) > 0.9
 
 
 def test_stiffness_and_damping_stand_at_a_stated_frequency():
@@ -183,18 +158,16 @@ def test_one_realisation_has_a_response_and_no_interval():
     table = table_of_record(recorded(rng, multisines(rng, 1)))
 
     assert len(table) > 8
-    assert table["magnitude"].null_count() == 0
     assert table["magnitude_low"].null_count() > 0.5 * len(table)
 
 
 def test_a_response_tells_how_far_it_is_from_the_desired_impedance():
-    frequency_hz = np.array([1.0, 2.0, 3.0])
-    Z = (K + 2j * np.pi * frequency_hz * B) * [1.05, 0.98 * np.exp(0.05j), 1.2]
-    columns = {"magnitude": 1 / abs(Z), "phase_deg": -np.degrees(np.angle(Z))}
+    ratio = 1.05 * np.exp(0.05j)
+    Y = 1 / (K + 2j * np.pi * B) / ratio
 
-    response = pl.DataFrame({"frequency_hz": frequency_hz, **columns})
-    errors = with_errors(response.with_columns(K_d=K, B_d=B, amplitude_deg=2.0))
+    response = pl.DataFrame({"magnitude": abs(Y), "phase_deg": np.angle(Y, deg=True)})
+    errors = with_errors(response.with_columns(frequency_hz=1.0, K_d=K, B_d=B, amplitude_deg=2.0))
 
-    assert errors["magnitude_error"].to_list() == pytest.approx([5, -2, 20])
-    assert errors["phase_error"].to_list() == pytest.approx([0, np.degrees(0.05), 0], abs=1e-9)
-    assert errors["Z_error"][2] == pytest.approx(20)
+    assert errors["magnitude_error"].item() == pytest.approx(5)
+    assert errors["phase_error"].item() == pytest.approx(np.degrees(0.05))
+    assert errors["Z_error"].item() == pytest.approx(100 * abs(ratio - 1))

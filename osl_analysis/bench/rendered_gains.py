@@ -17,8 +17,12 @@ Friction that sticks, grows with the load or is cancelled late is no Coulomb fri
 are the same in every motion. Half of their range over amplitudes and frequencies, with friction and
 without, is therefore an error of the theory, and in the intervals: unlike K of Eq. 15, gains have
 no other value at another amplitude. What friction that sticks at rest does alike at all of them
-shows in the torque that is left, of which `INEXACTNESS` may pass for a gain: that is in the
+shows in the torque that is left, of which `SHAPE_SHARE` may pass for a gain: that is in the
 intervals, too. A motion that does not tell friction from damping tells no gains.
+
+A delay that is stated wrongly acts like an inertia of the actuator, and moves K_d: by up to 2 % for
+2 ms. So the delay is fitted, too, and what it would change bounds that. It is not taken in place of
+the stated one: beside friction that is cancelled late it is told worse than it is stated.
 """
 
 from collections.abc import Mapping
@@ -27,14 +31,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis, bench_torques, parts_of, with_torque_errors
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
-    EFFECTS_LIMIT,
     SLOW,
     Model,
     Sums,
@@ -42,8 +45,8 @@ from osl_analysis.bench.regression import (
     friction_column,
     gram_sums,
     offset_and_drift,
+    with_effects,
 )
-from osl_analysis.inference.weighing import INEXACTNESS
 from osl_analysis.model.compensator import stiffness_gain
 from osl_analysis.model.drivetrain import (
     DrivetrainParameters,
@@ -61,11 +64,15 @@ MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
 STEP_ROUNDING = 1e-3  # of the gains' standard errors: after a smaller step they have converged
 MOTION_CUTOFFS = 3.0  # of the low-pass, beyond which nothing of the motion is left
 """As of the torque that linear theory expects."""
-NO_ANGLE_NOISE = np.array([[1.0], [0.0]])  # a frequency [Hz], and its density [rad^2/Hz]
+CONTROLLER = ("B_1", "K_1", "delay")  # what is fitted; the delay where none is stated
+VERY_SLOW = 1e-2  # rad/s, at which Z differs from K_d + s B_d by less than a millionth
 COMPONENT_SYMBOLS = ("K_s", "n_T", "J_m", "B_m", "J_j", "B_j")  # of Eq. 9 beside the gains
 # of a gain [N*m/rad, N*m*s/rad] or the delay [s], by which its slope is taken: of slopes of 1 to
 # 1e4 it leaves a millionth
 SLOPE_ROUNDING = 1e-6
+# of the torque [N*m] that is left, which may act as a gain: the largest that makes intervals hold
+# K_d beside sticking friction (default campaign: 31 of 31; 26 without it)
+SHAPE_SHARE = 0.2
 SHARE_ROUNDING = 1e-3  # of a component, by which its slope is taken, above all rounding
 
 
@@ -115,19 +122,30 @@ def rendered_gains(
     # of slow motion Eq. 15 has K_d; of a belt that does not yield, its B
     K_1 = float(stiffness_gain(K, p))
     B_1 = analysis.whole["B"] / p.n_T**2
-    delay = of_device.loop_delay
-    fitted = ("B_1", "K_1") if delay is not None else ("B_1", "K_1", "delay")
     few = analysis.record.coarse
-    still = {"T_C": friction_column(few.motion.omega, few), **offset_and_drift(few.time)}
-    leg = Leg(few, still, p, K_1, max(B_1, 0.0), delay or 0.0, fitted)
+    leg = Leg(few, p, K_1, max(B_1, 0.0), of_device.loop_delay or 0.0, CONTROLLER[:2])
+    found = converged(leg)
+    # from there, since another start may lead to a late spring that damps
+    told = found and converged(replace(found[0], fitted=CONTROLLER))
+    if of_device.loop_delay is None:
+        found = told
+    if found is None:
+        return None
+    delayed, _ = told or found
+    return described(*found, delayed.impedance(), of_device.standard_errors)
+
+
+def converged(leg: "Leg") -> tuple["Leg", LinearFit] | None:
+    """Fit what is `fitted` of a leg by Gauss and Newton: the leg, and the last step. None where the
+    motion does not tell it, or of a joint that is no such leg."""
     with suppress(IdentifiabilityError):
         for _ in range(MOST_STEPS):
-            step = fit_groups(leg.sums, leg.model, EFFECTS_LIMIT)
+            step = with_effects(leg.sums, leg.model)
             leg = leg.moved_by(step)
-            if leg.slow_damping <= 0 or leg.K_1 <= 0:
-                break  # of a joint that is no such leg
-            if all(abs(step[name]) < STEP_ROUNDING * step.se(name) for name in fitted):
-                return described(leg, step, of_device.standard_errors)
+            if leg.K_1 <= 0 or leg.impedance()["B_d_rendered"] <= leg.p.B_j:
+                break
+            if all(abs(step[name]) < STEP_ROUNDING * step.se(name) for name in leg.fitted):
+                return leg, step
     return None
 
 
@@ -136,8 +154,6 @@ class Leg:
     """A record of a leg, and what its controller may render."""
 
     record: Record
-    # what friction of 1 N*m of the joint makes of the torque (n,), with offset and drift
-    still: Mapping[str, Array]
     p: DrivetrainParameters
     K_1: float  # [N*m/rad]
     B_1: float  # [N*m*s/rad]
@@ -155,20 +171,6 @@ class Leg:
         behind the belt."""
         return {**self.linear_model, "T_C": "T_C", "T_m": "T_m"}
 
-    @property
-    def c(self) -> float:
-        return self.p.K_s**2 / self.p.n_T**2
-
-    @property
-    def kappa(self) -> float:
-        """Stiffness of the held actuator at rest."""
-        return self.K_1 + self.p.K_s_at_actuator
-
-    @property
-    def slow_damping(self) -> float:
-        """Damping of the held actuator in slow motion."""
-        return self.p.B_m + self.B_1 - self.K_1 * self.delay
-
     def moved_by(self, changes: LinearFit | Mapping[str, float]) -> "Leg":
         """The leg whose controller differs so."""
         values = {name: getattr(self, name) + changes[name] for name in self.fitted}
@@ -178,7 +180,7 @@ class Leg:
         """The leg whose controller differs by `SLOPE_ROUNDING` in one of its parameters."""
         return replace(self, **{name: getattr(self, name) + SLOPE_ROUNDING})
 
-    def stiffness(self, s: Spectrum) -> Spectrum:
+    def stiffness(self, s: ArrayLike) -> Spectrum:
         """Z [N*m/rad] at frequencies s [rad/s]."""
         return dynamic_stiffness(s, self.K_1, self.B_1, self.p, self.delay)
 
@@ -207,13 +209,14 @@ class Leg:
         """The slopes (n,) of the torque in the gains and the delay, with offset and drift, and what
         1 N*m of friction of the joint, and of the actuator, makes of it."""
         record = self.record
-        stepped = [self.stepped(name).stiffness for name in self.fitted]
+        stepped = [self.stepped(name).stiffness for name in CONTROLLER]
         omega_m, *torques = self.torques_for(
             record.motion.theta, lambda s: s * self.turned(s), *stepped
         )
-        slopes = dict(zip(self.fitted, (torques - self.torque) / SLOPE_ROUNDING, strict=True))
+        slopes = dict(zip(CONTROLLER, (torques - self.torque) / SLOPE_ROUNDING, strict=True))
         slopes["T_m"] = self.torques_for(friction_column(omega_m, record), self.turned)[0]
-        return {**slopes, **self.still}
+        slopes["T_C"] = friction_column(record.motion.omega, record)
+        return {**slopes, **offset_and_drift(record.time)}
 
     @cached_property
     def residual(self) -> Record:
@@ -228,16 +231,15 @@ class Leg:
     @cached_property
     def sums(self) -> Sums:
         """Sums of the slopes and of what the controller leaves."""
-        # the slopes are behind the actuator, which passes no noise of the angle
+        # the slopes are behind the actuator, which passes no noise of the angle: no part is taken
+        # off their products
         columns = {**self.slopes, "theta": self.record.motion.theta}
-        return gram_sums(self.residual, columns, NO_ANGLE_NOISE)
+        return gram_sums(self.residual, columns, self.record.angle_noise)
 
     def impedance(self) -> dict[str, float]:
-        """K_d and B_d that are rendered (Eqs. 11-13), and the delay where it is fitted."""
-        values = {
-            "K_d_rendered": self.p.K_s - self.c / self.kappa,
-            "B_d_rendered": self.p.B_j + self.c * self.slow_damping / self.kappa**2,
-        }
+        """K_d and B_d that slow motion meets (Eqs. 11-13), and the delay where it is fitted."""
+        Z = complex(self.stiffness(1j * VERY_SLOW))
+        values = {"K_d_rendered": Z.real, "B_d_rendered": Z.imag / VERY_SLOW}
         if "delay" in self.fitted:
             values["loop_delay_s"] = self.delay
         return values
@@ -254,9 +256,12 @@ class Leg:
         return found
 
 
-def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> RenderedGains:
+def described(
+    leg: Leg, step: LinearFit, delayed: Mapping[str, float], uncertainties: Mapping[str, float]
+) -> RenderedGains:
     """What the converged gains render, with all that contributes to its uncertainty: the interval
-    of the last step, what is stated of the bench and of the drivetrain, and the motion."""
+    of the last step, what is stated of the bench and of the drivetrain, and the motion. With a
+    fitted delay it would be `delayed`."""
     record = leg.record
     rows = record.is_fitted()
     X = np.column_stack([leg.slopes[column] for column in leg.model.values()])[rows]
@@ -274,7 +279,7 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     residual = leg.residual.filtered_torque[rows]
     unexplained = residual - X[:, : len(leg.linear_model)] @ linear.estimates
     of_friction = contributions_of_friction(leg, leg.moved_by(linear), X, residual, step)
-    of_components = contributions_of_components(leg, X, rows, uncertainties)
+    of_components = contributions_of_components(leg, X, rows, delayed, uncertainties)
     return RenderedGains(
         budgets={
             name: rendered.budget(name).plus(*of_friction[name], *of_components[name])
@@ -292,18 +297,18 @@ def contributions_of_friction(
     and of neither; and what it does alike at all of them. Of the torque that the slopes X (n, p)
     leave of the `residual` (n,) a share may act as any one of them does, by a rectangular
     distribution (JCGM 100:2008, 4.3.7)."""
-    of_joint = fit_groups(leg.sums, {**leg.linear_model, "T_C": "T_C"}, EFFECTS_LIMIT)
+    of_joint = with_effects(leg.sums, leg.linear_model, "T_C")
     legs = [leg, linear, leg.moved_by(of_joint)]
     for part in parts_of(leg.residual, leg.sums):
         with suppress(IdentifiabilityError):
-            legs.append(leg.moved_by(fit_groups(part, leg.model, EFFECTS_LIMIT)))
+            legs.append(leg.moved_by(with_effects(part, leg.model)))
     left = residual - X @ step.estimates
     covariance = left @ left * np.linalg.inv(X.T @ X)
     of_all = replace(step, covariance=covariance).derived(leg.impedance_slopes())
     found = {}
     for name in of_all.names:
         half = np.ptp([each.impedance()[name] for each in legs]) / 2
-        share = INEXACTNESS / np.sqrt(3) * of_all.se(name)
+        share = SHAPE_SHARE / np.sqrt(3) * of_all.se(name)
         found[name] = [
             Contribution(
                 "friction",
@@ -317,12 +322,21 @@ def contributions_of_friction(
 
 
 def contributions_of_components(
-    leg: Leg, X: Array, rows: NDArray[np.bool_ | np.intp], uncertainties: Mapping[str, float]
+    leg: Leg,
+    X: Array,
+    rows: NDArray[np.bool_ | np.intp],
+    delayed: Mapping[str, float],
+    uncertainties: Mapping[str, float],
 ) -> dict[str, list[Contribution]]:
     """What the uncertainty of each component of the drivetrain makes of what the gains render, to
-    first order; of one whose uncertainty is not stated, what a percent does."""
+    first order; of one whose uncertainty is not stated, what a percent does. A delay that is stated
+    may be another, as by a filter: what the fitted one would change bounds that, by a rectangular
+    distribution (JCGM 100:2008, 4.3.7)."""
     before = leg.impedance()
-    found: dict[str, list[Contribution]] = {name: [] for name in before}
+    found = {}
+    for name, value in before.items():
+        bound = abs(delayed[name] - value) / np.sqrt(3)
+        found[name] = [Contribution("component", bound, basis="measured", detail="loop_delay")]
     by_torque = np.linalg.pinv(X)  # change of the estimates (p, m)
     for component in COMPONENT_SYMBOLS:
         value = getattr(leg.p, component)

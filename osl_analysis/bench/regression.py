@@ -106,11 +106,6 @@ SHARP_WIDTH = 1e-3
 BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
-# times the lowest frequency of the motion, below which 1 % of the angle's power lies. Of 1, 1/2 and
-# 1/4 it keeps K, B and I of a hardening spring nearest to least squares of the whole motion (0.4,
-# 0.2 and 0.15 of what benchmarks/peers calls off). A person's lean widens K's interval instead
-# (0.3, 0.4 and 0.5 % of K, benchmarks/interval_coverage.py)
-CORNER = 0.25
 EDGE_ROWS = 2  # beside the fitted ones, from which a fraction of a row is read
 DERIVATIVES = ("theta", "omega", "alpha", "jerk", "snap")  # of the angle, by their order
 
@@ -193,13 +188,13 @@ def gram_sums(
 
     Of a motion of the joint, whose `angle_noise` is known, the products that are fitted are without
     what is slower than it, and without that noise. Columns and torque of each run of rows pass the
-    same filter: where nothing repeats a high-pass with its corner at `CORNER` times the lowest
-    frequency of the motion, else they lose their running mean over a period, which is the same all
-    along what repeats: it takes off no part of what Eq. 15 misses. Each part of a period that is
-    repeated counts once, however often it was recorded: K, B and I of a leg are those of whole
-    periods. Noise of the angle lengthens the columns:
-    its part of the products, by the lines of `Record.angle_noise`, is taken off (errors in
-    variables; Fuller, Measurement Error Models, 1987).
+    same filter: where nothing repeats a high-pass whose corner is the lowest frequency of the
+    motion, else they lose their running mean over a period, which is the same all along what
+    repeats: it takes off no part of what Eq. 15 misses. Each part of a period that is repeated
+    counts once, however often it was recorded: K, B and I of a leg are those of whole periods.
+    Noise of the angle lengthens the columns: its part of the products, by the lines of
+    `Record.angle_noise`, is taken off (errors in variables; Fuller, Measurement Error Models,
+    1987).
 
     Raises
     ------
@@ -227,7 +222,7 @@ def gram_sums(
 def fast_signals(record: Record, names: Sequence[str], signals: Array) -> Array:
     """Columns, filtered and raw torque (q, n) with these names without what is slower than the
     motion, as `gram_sums` says."""
-    slow_hz = CORNER * record.band_hz[0]
+    slow_hz = record.band_hz[0]
     groups = record.groups
     repeat = groups.repeat()
     fast = signals.copy()
@@ -237,7 +232,9 @@ def fast_signals(record: Record, names: Sequence[str], signals: Array) -> Array:
         rows = slice(first, stop)
         fast[:, rows] = without_slower(signals[:, rows], slow_hz / record.rate_hz)
     alike = [(repeat, slow_hz)]  # all periods, or the cycles of each sine
-    if groups.kind == "cycles":
+    if record.periodic:
+        alike = [(repeat, 1 / record.periodic.period)]
+    elif groups.kind == "cycles":
         sines_hz = enumerate(stratum.frequency_hz for stratum in groups.strata)
         alike = [(repeat & (groups.stratum == number), hz) for number, hz in sines_hz]
     # offset and drift are left, which tell what is left of the torque's
@@ -288,7 +285,7 @@ def noise_moments(names: Sequence[str], record: Record, angle_noise: Array) -> A
     f, power = angle_noise
     gain = record.settings.low_pass.gain(f)
     if not record.groups.repeat().any():
-        gain *= high_pass_gain(f, CORNER * record.band_hz[0])
+        gain *= high_pass_gain(f, record.band_hz[0])
     order = np.array([DERIVATIVES.index(name) for name in names if name in DERIVATIVES])
     of_angle = (2 * np.pi * f) ** order[:, None]
     of_orders = (of_angle * (power * gain**2)) @ of_angle.T

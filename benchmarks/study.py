@@ -52,7 +52,7 @@ from osl_analysis.simulator.simulation_settings import (
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
-from osl_analysis.stats.budget import IN_INTERVAL, INTERVAL_ENDS
+from osl_analysis.stats.budget import IN_INTERVAL
 from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.walking.crossing import PER_UNIT, Crossing, analyse_crossing
 from osl_analysis.walking.impedance_fit import fit_without_offset
@@ -68,6 +68,7 @@ Made = TypeVar("Made")
 Row = dict[str, Any]
 CONFIG, PAGE = ROOT / "config/config.yaml", ROOT / "docs/study.md"
 SEED, CROSSINGS = 1, 10
+INTERVAL_ENDS = ("", "_low", "_high")  # endings of an estimate's columns: value, 95 % interval
 NORMAL_QUANTILE = 1.96  # half-width of a 95 % interval in standard errors
 # of the stepped sine, at the frequencies of the configuration
 SHORT = {"amplitudes_deg": (4.0,), "cycles": 12}

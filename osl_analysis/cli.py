@@ -512,7 +512,7 @@ def select_gains(
     """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
     For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate,
-    stability, passivity and the frequency up to which the desired impedance is rendered."""
+    stability and passivity."""
     from osl_analysis.base.table import write_table
     from osl_analysis.base.yaml_settings import validated
     from osl_analysis.commands import gains as command

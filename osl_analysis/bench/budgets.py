@@ -152,13 +152,12 @@ class WhatElse:
 
 
 def over_motion(found: WhatElse, name: str) -> list[Contribution]:
-    """Half of the range of an estimate over the motion. Where most of it is a change from the
-    smallest to the largest amplitude, half of that change has a name, too: friction lowers B, and K
-    with it; a stiffening spring, or backlash, changes K alone."""
+    """Half of the range of an estimate over the motion. Half of its change from the smallest to the
+    largest amplitude, beyond their noise, has a name, too: friction lowers B, and K with it; a
+    stiffening spring, or backlash, changes K alone."""
     if name not in found.ranges:
         return []
-    half = np.ptp(found.ranges[name]) / 2
-    sizes = {"amplitude": half}  # over frequencies, too
+    sizes = {"amplitude": np.ptp(found.ranges[name]) / 2}  # over frequencies, too
     fits = found.analysis.fits
     labels = sorted(label for label in fits if isinstance(label, float))
     if len(labels) > 1:
@@ -170,7 +169,7 @@ def over_motion(found: WhatElse, name: str) -> list[Contribution]:
             changes[each] = change if abs(change) > noise else 0.0
         change = changes.get(name, 0.0)
         is_friction = change < 0 and changes["B"] < 0
-        if abs(change) > half and (is_friction or name == "K"):
+        if is_friction or name == "K":
             source = "friction" if is_friction else "nonlinear_spring"
             sizes[source] = abs(change) / 2
     return [

@@ -246,7 +246,7 @@ def ranges_over_motion(analysis: Analysis, friction: DryFriction) -> dict[str, t
     """The range of each estimate over amplitudes and frequencies, with friction and without it,
     where this is certain."""
     parts = list(parts_of(analysis.record, friction.sums))
-    ranges = range_over(parts, analysis.whole)
+    ranges = range_over(parts, *analysis.fits.values())
     if friction.without:
         less_friction = [part.less("T_C", friction.size) for part in parts]
         for name, ends in range_over(less_friction, friction.without).items():

@@ -429,14 +429,15 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
         yield replace(sums, weighted=products, noise=noise)
 
 
-def range_over(parts: Sequence[Sums], whole: LinearFit) -> dict[str, tuple[float, float]]:
-    """The lowest and the highest K, B and I of the whole motion and of its parts; empty where no
-    part tells them."""
-    fits = [whole]
+def range_over(parts: Sequence[Sums], *reported: LinearFit) -> dict[str, tuple[float, float]]:
+    """The lowest and the highest K, B and I of parts of a motion and of the fits that are
+    `reported`, to all of it and to its amplitudes; empty where no part tells them."""
+    fits = []
     for part in parts:
         with suppress(IdentifiabilityError):
             fits.append(fit_groups(part, IMPEDANCE))
-    if len(fits) == 1:
+    if not fits:
         return {}
+    fits.extend(reported)
     values = {name: [each[name] for each in fits] for name in QUANTITIES}
     return {name: (min(of_fits), max(of_fits)) for name, of_fits in values.items()}

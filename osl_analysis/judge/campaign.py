@@ -188,7 +188,7 @@ class CampaignFinding:
     name, cause
         As of a `Finding`.
     says, size, remedy
-        What is wrong, how large, and what to do, for the worst of its trials.
+        What is wrong, how large, and what to do, for one of its trials.
     n
         Number of all trials that were judged.
     brief
@@ -196,7 +196,8 @@ class CampaignFinding:
     trials
         Those with this cause.
     worst
-        The trial of which the words are.
+        The trial of which the words are: the one whose first number is farthest beyond its limit,
+        or the first. Another may have a larger size in another number.
     """
 
     verdict: str
@@ -217,15 +218,15 @@ class CampaignFinding:
         return f"{self.cause}: {len(self.trials)} of {self.n} {self.subject}"
 
     @property
-    def at_worst(self) -> str:
+    def size_in_trial(self) -> str:
         """How large it is, and in which of several trials."""
-        is_worst = self.size and len(self.trials) > 1
-        return f"at worst ({self.worst}) {self.size}" if is_worst else self.size
+        is_of_several = self.size and len(self.trials) > 1
+        return f"as in {self.worst}, {self.size}" if is_of_several else self.size
 
     @property
     def sentence(self) -> str:
         """All of it, with the first of its trials."""
-        words = sentence_of(self.says, self.at_worst, self.remedy)
+        words = sentence_of(self.says, self.size_in_trial, self.remedy)
         trials = listing(self.trials, MOST_NAMED)
         return f"{self.verdict}, {self.counts}: {words} [{trials}]"
 
@@ -316,7 +317,7 @@ def causes_in_campaign(
 def told(
     verdict: str, subject: str, n: int, name: str, of_trials: Mapping[str, Finding]
 ) -> CampaignFinding:
-    """What a reader must know of a cause, with its size in the trial where this is largest."""
+    """What a reader must know of a cause, with its size in the `worst` of its trials."""
     worst = max(of_trials, key=lambda trial: of_trials[trial].excess)
     of_worst = of_trials[worst]
     says = str(of_worst.says)

@@ -15,7 +15,12 @@ from osl_analysis.judge.campaign import CampaignFinding, findings_in_summary
 from osl_analysis.report.typography import in_latex, in_markdown, printed, template, value_text
 from osl_analysis.report.verdicts import causes_not_checked
 
-BIBTEX = Path(__file__).with_name("sources.bib").read_text(encoding="utf-8")
+BIBTEX = (
+    Path(__file__)
+    .with_name("sources.bib")
+    .read_text(encoding="utf-8")
+    .replace("RELEASE", version("osl-impedance"))
+)
 CITATION = re.compile(r"\[@(\w+)\]")
 MOST_LISTED = 8  # values in a sentence; of more it has the first and the last
 

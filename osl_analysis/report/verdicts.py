@@ -167,12 +167,12 @@ def verdict_counts(
 
 
 def verdicts_sentence(counts: Mapping[str, int], results: Mapping[str, int]) -> str:
-    """`9 trials, 3 doubtful, none refused; friction in 4 of them.`"""
+    """`9 trials, 3 doubtful; not of second order: 4 by friction.`"""
     total = sum(counts.values())
     others = [f"{n} {verdict}" for verdict, n in counts.items() if n and verdict != CLEAR]
     text = ", ".join([f"{total} trial{'s' if total != 1 else ''}", *(others or ["none doubtful"])])
-    shown = [f"{cause} in {n} of them" for cause, n in results.items()]
-    return "; ".join([text, *shown]) + "."
+    causes = ", ".join(f"{n} by {cause}" for cause, n in results.items())
+    return f"{text}; not of second order: {causes}." if causes else f"{text}."
 
 
 def changed_lines(summary: Mapping[str, Any]) -> list[str]:

@@ -24,12 +24,10 @@ Row = dict[str, float | str | None]
 MOST_FREEDOM = 1 / np.finfo(float).eps  # degrees of freedom; rounding of the sum decides on more
 # standard errors of a 95 % interval where their size is known
 NORMAL_HALF_WIDTH = NormalDist().inv_cdf(0.975)
-INTERVAL_ENDS = ("", "_low", "_high")
-"""Endings of the columns of an estimate: its value and the ends of its 95 % interval."""
 
 Part = Literal["repeatability", "sensor", "bench", "motion", "fault"]
-"""repeatability: the scatter of this recording, and what depends on a choice of its rows;
-sensor: encoder and rounding; bench: what is stated or assumed of it, and of friction;
+"""repeatability: the scatter of this recording; sensor: encoder and rounding; bench: what is stated
+or assumed of it, of friction, and of where a belt's loading begins;
 motion: what another amplitude or frequency would change; fault: what a fault of the recording would
 change. The last two are in no interval."""
 IN_INTERVAL: tuple[Part, ...] = ("repeatability", "sensor", "bench")
@@ -37,9 +35,9 @@ Basis = Literal["measured", "stated", "assumed", "bound", "weighed"]
 OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
     "encoder": ("sensor", "measured"),
     "friction": ("bench", "measured"),
-    "friction_sign": ("repeatability", "assumed"),
+    "friction_sign": ("bench", "assumed"),
     "friction_shape": ("bench", "weighed"),
-    "loading_begins": ("repeatability", "assumed"),
+    "loading_begins": ("bench", "assumed"),
     "spring_loss": ("bench", "assumed"),
     "belt_error": ("bench", "assumed"),
     "theta_m_delay": ("bench", "assumed"),
@@ -83,6 +81,11 @@ class Contribution:
     def size(self) -> float:
         """Its standard uncertainty; 0 where it is not known."""
         return self.standard or 0.0
+
+    @property
+    def known_probability(self) -> float | None:
+        """Its probability; None of what nobody has measured."""
+        return self.probability if self.size or self.basis != "assumed" else None
 
 
 FIELDS = [field.name for field in fields(Contribution)]
@@ -197,9 +200,7 @@ class Budget:
 
     def columns(self, name: str) -> dict[str, Any]:
         """`name`, and the ends of its interval."""
-        half = self.half_width()
-        values = (self.value, self.value - half, self.value + half)
-        return {f"{name}{end}": x for end, x in zip(INTERVAL_ENDS, values, strict=True)}
+        return {name: self.value, f"{name}_low": self.low, f"{name}_high": self.high}
 
     def verdict(self, needed: float) -> Verdict:
         """Judge the estimate.
@@ -238,10 +239,10 @@ class Budget:
 
 def budget_rows(place: Mapping[str, Any], estimates: Mapping[str, Budget]) -> list[dict[str, Any]]:
     """The rows of `budget.csv` of some estimates; `place` has the trial and the amplitude. A bound
-    of 0 says that candidate models were weighed."""
+    of 0 says that candidate models were weighed. What nobody has measured has no probability."""
     of_place = {name: place.get(name) for name in ("trial", "amplitude_deg")}
     return [
-        {**of_place, "estimate": name, **vars(each)}
+        {**of_place, "estimate": name, **vars(each), "probability": each.known_probability}
         for name, budget in estimates.items()
         for each in budget.contributions
         if each.standard != 0.0 or each.basis == "bound"

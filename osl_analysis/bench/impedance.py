@@ -24,15 +24,15 @@ from osl_analysis.bench.regression import (
     columns_of,
     fast_signals,
     fit_groups,
+    fitted_products,
     friction_column,
     gram_sums,
-    noise_moments,
 )
 from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals.filters import LowPass, sections_of, seven_point_motion
 from osl_analysis.stats.budget import QUANTITIES, Budget, Row
-from osl_analysis.stats.linear_fit import LinearFit, products_between, solved
+from osl_analysis.stats.linear_fit import LinearFit, solved
 
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
 SAME_FREQUENCY_RATIO = 1.02  # ratio of frequencies below which noise alone would tell K from I
@@ -402,8 +402,10 @@ def parts_of(record: Record, sums: Sums) -> Iterator[Sums]:
         return
     rows = groups.stop - groups.first
     if len(rows) >= FEWEST_BLOCKS:
-        mean_square = sums.products(sums.weighted, ["theta"])[:, 0, 0] / rows
-        is_large = mean_square > np.median(mean_square)
+        products = sums.products(sums.gram, ["theta", "one"])
+        mean = products[:, 0, 1] / rows
+        variance = products[:, 0, 0] / rows - mean**2
+        is_large = variance > np.median(variance)
         yield from (sums.chosen(~is_large), sums.chosen(is_large))
     low_hz, high_hz = record.band_hz
     yield from parts_of_band(record, sums, np.sqrt(low_hz * high_hz))
@@ -413,7 +415,6 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     """The sums below and above a frequency, by a zero-phase filter over the whole record, as those
     of the whole band without slow torque and without the noise of the angle."""
     few = record.coarse
-    groups = sums.groups
     low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
     recorded = np.array([*sums.columns.values(), few.filtered_torque, few.torque])
     signals = fast_signals(few, sums.names, recorded)
@@ -423,10 +424,9 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     gain_below = low_pass.gain(noise_hz)
     for part, gain in ((slow, gain_below), (signals - slow, 1 - gain_below)):
         part[is_slow] = signals[is_slow]  # of each part the torque has its own offset and drift
-        products = products_between(part.T, part.T, groups.first, groups.stop)
-        noise = noise_moments(sums.names, few, np.array([noise_hz, power * gain**2]))
-        products -= (groups.stop - groups.first)[:, None, None] * noise
-        yield replace(sums, weighted=products, noise=noise)
+        noise = np.array([noise_hz, power * gain**2])
+        products, noise_of_row = fitted_products(sums.names, part, few, noise)
+        yield replace(sums, weighted=products, noise=noise_of_row)
 
 
 def range_over(parts: Sequence[Sums], *reported: LinearFit) -> dict[str, tuple[float, float]]:

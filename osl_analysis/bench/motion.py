@@ -288,7 +288,7 @@ def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]
     Returns
     -------
     Groups or None
-        None if fewer than two periods are usable.
+        None if fewer than two parts of a period are usable twice.
     """
     parts = max(round(motion.period / STRETCH_S), 1)
     rows_of_part = rate_hz * motion.period / parts
@@ -298,12 +298,11 @@ def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]
     stop = np.minimum(begin + rows_of_part, len(usable))
 
     is_whole = np.array([usable[rows].all() for rows in whole_rows(begin, stop)])
-    is_chosen = is_whole & (np.bincount(number[is_whole], minlength=number[-1] + 1)[number] > 1)
-    chosen = np.flatnonzero(is_chosen)[np.argsort(number[is_chosen], kind="stable")]
-    used, stratum = np.unique(number[chosen], return_inverse=True)
-    if len(used) < 2:
+    chosen = np.flatnonzero(is_whole)[np.argsort(number[is_whole], kind="stable")]
+    _, stratum, times = np.unique(number[chosen], return_inverse=True, return_counts=True)
+    if np.sum(times > 1) < 2:
         return None
-    return Groups("periods", begin[chosen], stop[chosen], stratum, len(used) * (Stratum(),))
+    return Groups("periods", begin[chosen], stop[chosen], stratum, len(times) * (Stratum(),))
 
 
 def stretches_of(pieces: Sequence[slice], rate_hz: float, seconds: float = STRETCH_S) -> Groups:

@@ -202,18 +202,20 @@ def test_any_motion_is_fitted_by_least_squares_behind_a_high_pass():
     np.testing.assert_allclose(fit.estimates[:3], plain[:3], rtol=2e-4)
 
 
-def test_a_part_of_a_period_counts_once_however_often_it_was_recorded():
-    """A hardening spring in 3.6 periods, by NumPy over two. By all rows alike K is 0.7 % less."""
+@pytest.mark.parametrize("periods", [2.6, 3.6])
+def test_a_part_of_a_period_counts_once_however_often_it_was_recorded(periods):
+    """A hardening spring, by NumPy over two periods. By what stands twice K is 2.5 % less, by all
+    rows alike 0.7 %."""
     motion = multisine(np.random.default_rng(5))
     time, (theta, *_) = motion
     harder = 2e4 * theta**3
     trial = made_trial(np.random.default_rng(3), motion, 1e-3, more=harder)
-    steady = replace(trial, samples=trial.samples.slice(round(3 * RATE), round(21.6 * RATE)))
+    steady = replace(trial, samples=trial.samples.slice(round(3 * RATE), round(6 * periods * RATE)))
     rows = (time > 4) & (time < 16)
     of_spring, *_ = np.linalg.lstsq(np.column_stack(motion[1])[rows], harder[rows])
 
     fit = rendered_impedance(moving_record(steady)).whole
-    assert fit["K"] == pytest.approx(TRUE["K"] + of_spring[0], rel=2e-4)
+    assert fit["K"] == pytest.approx(TRUE["K"] + of_spring[0], rel=5e-4)
 
 
 JUMPS = {

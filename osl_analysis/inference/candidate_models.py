@@ -20,7 +20,7 @@ A path, for example, delays or filters what the load cell sees of the joint's to
 the delayed angle, velocity and acceleration.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -167,14 +167,14 @@ class ModelAtValue:
         Whitened columns; the first three multiply K, B and I.
     torque : Array (m,)
         Whitened torque that they explain.
-    slope : Array (m,) or None
-        Derivative of the modelled torque by its own parameter.
+    slopes : sequence of Array (1, m)
+        Derivative of the modelled torque by its own parameter, if it has one.
     """
 
     model: CandidateModel
     columns: Array
     torque: Array
-    slope: Array | None = None
+    slopes: Sequence[Array] = ()
 
 
 def models_at_values(model: CandidateModel, search: Search) -> list[ModelAtValue]:
@@ -201,7 +201,7 @@ def models_at_values(model: CandidateModel, search: Search) -> list[ModelAtValue
         step = 1e-3 * abs(value) + 1e-9
         columns_then, torque_then = at(value + step)
         slope = (estimates @ (columns_then - columns) - (torque_then - torque)) / step
-        found.append(ModelAtValue(model, columns, torque, slope))
+        found.append(ModelAtValue(model, columns, torque, [slope[None]]))
     return found
 
 

@@ -418,11 +418,7 @@ def slipping_springs(angle: Array, widths: Sequence[float]) -> Array:
         level = 0.0
         wound = [level]
         for way in (ways / width).tolist():
-            level += way
-            if level > 1.0:
-                level = 1.0
-            elif level < -1.0:
-                level = -1.0
+            level = min(max(level + way, -1.0), 1.0)
             wound.append(level)
         unclipped = np.repeat(wound[:-1], rows_of_turn) + since_turn / width
         np.clip(unclipped, -1.0, 1.0, out=torque[:-1])

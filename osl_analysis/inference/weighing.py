@@ -107,10 +107,7 @@ class Predicted:
 
 def all_columns(data: Whitened, candidate: ModelAtValue, has_friction: bool) -> Array:
     """Columns (c, m) of a candidate: its own, its slope, friction, offset and drift."""
-    parts = [candidate.columns]
-    if candidate.slope is not None:
-        parts.append(candidate.slope[None])
-    return np.concatenate([*parts, data.shared(has_friction)])
+    return np.concatenate([candidate.columns, *candidate.slopes, data.shared(has_friction)])
 
 
 class BlockFit:
@@ -191,18 +188,15 @@ def predict(search: Search, candidate: ModelAtValue, rounding: Array) -> Predict
     changes = np.zeros(3)
     changes[: width - 3] = estimates[3:width]
 
-    friction_torque = 0.0
-    if search.has_friction:
-        first = width if candidate.slope is None else width + 1
-        of_shapes = estimates[first : first + len(data.mean_friction)]
-        friction_torque = float(of_shapes @ data.mean_friction)
+    first = width + len(candidate.slopes)
+    of_shapes = estimates[first : first + len(data.mean_friction)]  # of friction, if it has any
     return Predicted(
         candidate=candidate,
         has_friction=search.has_friction,
         squares=fit.squares_of_unseen(),
         impedances=estimates[:3] + np.outer(candidate.model.shares, changes),
         errors=(np.sqrt(variances) / fit.length)[:3],
-        friction_torque=friction_torque,
+        friction_torque=float(of_shapes @ data.mean_friction) if search.has_friction else 0.0,
         left=fit.left,
         rounding_left=fit.left_of_rounding(rounding, columns),
     )
@@ -265,10 +259,13 @@ def weigh(
     gains = draws @ gains_of_blocks.T
 
     # the temperature of each draw: rounding is no noise, and a mechanism that misses a share e of
-    # its own torque leaves e^2 of what it explains, which is twice the gain
+    # its own torque leaves e^2 of what it explains, which is twice the gain; and no more than the
+    # best one may leave beyond noise: one that leaves noise alone is exactly its formula
     of_rounding = possible[best_sound].rounding_left - possible[best].rounding_left
     gain_over_sound = gains.max(axis=1) - gains[:, is_sound].max(axis=1)
-    temperature = 1 + max(of_rounding, 0.0) / noise + INEXACTNESS**2 * 2 * gain_over_sound
+    beyond_noise = max(totals[best], freedom) - scipy.special.chdtri(freedom, 1 - FALSE_ALARM)
+    inexact = np.minimum(INEXACTNESS**2 * 2 * gain_over_sound, beyond_noise / noise)
+    temperature = 1 + max(of_rounding, 0.0) / noise + inexact
 
     log_weights = log_prior(possible) + gains / temperature[:, None]
     weights = scipy.special.softmax(log_weights, axis=1).mean(axis=0).tolist()

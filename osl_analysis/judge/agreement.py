@@ -104,8 +104,9 @@ def finding_on(row: FitRow, symbol: str, expected: float, most: float, size: str
     limit = expected + math.copysign(most, difference)
     evidence = (Beyond(symbol, row[symbol], limit, side, UNLIKE),)
     estimates = () if symbol == "K" else (symbol,)
-    trial = row["trial"]
-    return Finding(UNLIKE, "impedance", trial, evidence=evidence, estimates=estimates, size=size)
+    return Finding(
+        UNLIKE, "impedance", row["trial"], evidence=evidence, estimates=estimates, size=size
+    )
 
 
 def condition_text(row: FitRow) -> str:

@@ -310,32 +310,28 @@ def causes_in_campaign(
         of_trials[finding.subject] = finding
     causes = []
     for (verdict, subject, n, name, _), of_trials in by_cause.items():
-        causes.append(told(verdict, subject, n, name, of_trials))
+        # with its words and its size in the `worst` of its trials
+        worst = max(of_trials, key=lambda trial: of_trials[trial].excess)
+        of_worst = of_trials[worst]
+        says = str(of_worst.says)
+        if says and len({finding.says for finding in of_trials.values()}) > 1:
+            says = f"{says} (in {worst})"
+        kind = known_finding(name)
+        remedy = str(of_worst.remedy)
+        is_in_part = verdict == "doubtful in part"
+        causes.append(
+            CampaignFinding(
+                verdict=verdict,
+                subject=subject,
+                name=name,
+                cause=kind.title,
+                n=n,
+                brief="leave out rows marked doubtful" if is_in_part else kind.brief or remedy,
+                trials=list(of_trials),
+                worst=worst,
+                says=says,
+                size=of_worst.size,
+                remedy=remedy,
+            )
+        )
     return sorted(causes, key=lambda cause: (RANKS.index(cause.verdict), -len(cause.trials)))
-
-
-def told(
-    verdict: str, subject: str, n: int, name: str, of_trials: Mapping[str, Finding]
-) -> CampaignFinding:
-    """What a reader must know of a cause, with its size in the `worst` of its trials."""
-    worst = max(of_trials, key=lambda trial: of_trials[trial].excess)
-    of_worst = of_trials[worst]
-    says = str(of_worst.says)
-    if says and len({finding.says for finding in of_trials.values()}) > 1:
-        says = f"{says} (in {worst})"
-    kind = known_finding(name)
-    remedy = str(of_worst.remedy)
-    is_in_part = verdict == "doubtful in part"
-    return CampaignFinding(
-        verdict=verdict,
-        subject=subject,
-        name=name,
-        cause=kind.title,
-        n=n,
-        brief="leave out rows marked doubtful" if is_in_part else kind.brief or remedy,
-        trials=list(of_trials),
-        worst=worst,
-        says=says,
-        size=of_worst.size,
-        remedy=remedy,
-    )

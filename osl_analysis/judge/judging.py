@@ -32,6 +32,7 @@ from osl_analysis.judge.known_findings import (
 )
 from osl_analysis.stats.budget import (
     CLEAR,
+    DOUBT,
     IN_INTERVAL,
     QUANTITIES,
     WIDE,
@@ -182,7 +183,7 @@ def findings_of_row(
 
     if fault:
         estimates = [of_spoiled(estimate, fault) for estimate in estimates]
-    found = [*doubts_of(estimates, fault), *of_numbers(numbers), *properties_of(estimates)]
+    found = [*doubts_of(estimates), *of_numbers(numbers), *properties_of(estimates)]
     names = {finding.name for finding in found}
     found = [
         finding
@@ -206,30 +207,33 @@ def findings_of_row(
 
 
 def of_spoiled(estimate: Judged, fault: KnownFinding) -> Judged:
-    """The estimate of a recording in which a check found a fault, which is then likely: what
-    repeats and another motion leave open is the fault's, and a doubt beyond what is needed."""
+    """The estimate of a recording in which a check found a fault, which is then likely, and named:
+    what repeats and another motion leave open is the fault's, and a doubt beyond what is needed."""
+    if estimate.verdict.rows:
+        return replace(estimate, verdict=replace(estimate.verdict, name=fault.name))
     left = math.hypot(estimate.budget.half_width(), estimate.budget.half_range)
     has_friction = estimate.own is not estimate.budget  # at whose reversals a torque leaps, too
-    if estimate.verdict.rows or has_friction or left <= estimate.needed:
+    if has_friction or left <= estimate.needed:
         return estimate
     row = Contribution(fault.name, left, basis="measured", part="fault")
     return replace(estimate, verdict=Verdict(fault.name, estimate.needed, (row,)))
 
 
-def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[Finding]:
-    """The doubts that budgets tell, by their source, or all by `fault`, what a check of the
-    recording found."""
+def doubts_of(estimates: Sequence[Judged]) -> list[Finding]:
+    """The doubts that budgets tell, by their source, or by what a check of the recording found."""
     by_name: dict[str, list[Judged]] = {}
     for estimate in estimates:
         if estimate.verdict.rows:
-            name = fault.name if fault else estimate.verdict.name
-            by_name.setdefault(name, []).append(estimate)
-    found = []
-    for name, doubted in by_name.items():
-        evidence = [evidence_of(estimate, name) for estimate in doubted]
-        size = doubt_text(name, doubted)
-        found.append(of_estimates(name, Grade.DOUBTS, evidence, size))
-    return found
+            by_name.setdefault(estimate.verdict.name, []).append(estimate)
+    return [
+        of_estimates(
+            name,
+            Grade.DOUBTS,
+            [evidence_of(estimate, name) for estimate in doubted],
+            doubt_text(name, doubted),
+        )
+        for name, doubted in by_name.items()
+    ]
 
 
 def evidence_of(estimate: Judged, name: str) -> Beyond:
@@ -243,20 +247,27 @@ def evidence_of(estimate: Judged, name: str) -> Beyond:
 
 
 def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
-    """What a source would do to estimates: their names and sizes, and what it leaves unexplained
-    where that matters, too."""
-    details: list[str] = []
-    moved = []
+    """What a source would do to estimates: its likeliest cause and those that are hardly less
+    likely, their sizes, and what they leave unexplained where that matters, too."""
+    causes: list[str] = []
     left = []
     for estimate in doubted:
         verdict = estimate.verdict
-        if verdict.name == source:  # else a failed check names the cause
-            details += [row.detail for row in verdict.rows if row.detail]
-        moved.append(estimate.moved(verdict.size))
-        if source != UNEXPLAINED:
-            rest = [each.size for each in estimate.budget.of_source(UNEXPLAINED)]
-            left += [estimate.moved(size) for size in rest if size > verdict.limit]
-    text = f"{', '.join(dict.fromkeys(details)) or 'it'} would change {', '.join(moved)}"
+        likeliest = verdict.rows[0]
+        if likeliest.source == source:
+            causes.append(likeliest.detail or "it")
+        else:  # a check of the recording saw it
+            causes += ["it", likeliest.detail or known_finding(likeliest.source).title]
+        for row in estimate.budget.of_parts("fault"):
+            if row.size > verdict.limit and row.probability > DOUBT * likeliest.probability:
+                if row.detail:
+                    causes.append(row.detail)
+                elif row.source == UNEXPLAINED != likeliest.source:
+                    left.append(estimate.moved(row.size))
+    text = " or ".join(dict.fromkeys(causes))
+    if " or " in text:
+        text += ", which this recording does not tell apart,"
+    text += f" would change {', '.join(each.moved(each.verdict.size) for each in doubted)}"
     if left:
         text += f". Torque that it leaves unexplained could change {', '.join(left)}"
     return text
@@ -289,10 +300,11 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
     remarks: dict[str, dict[Beyond, str]] = {}  # by source the sizes in words
     for estimate in estimates:
         sizes: dict[str, tuple[float, str]] = {}
-        for each in estimate.own.of_parts("motion"):
+        least = max(estimate.needed, estimate.own.half_width())
+        # of several of one source the largest
+        for each in sorted(estimate.own.of_parts("motion"), key=lambda each: each.size):
             change = 2 * each.size  # from one end of the range to the other
-            told = sizes.get(each.source, (estimate.needed, ""))[0]
-            if each.source in FINDINGS and change > told:
+            if each.source in FINDINGS and change > least:
                 detail = f" ({each.detail})" if each.detail else ""
                 sizes[each.source] = (change, estimate.moved(change) + detail)
         for source, (size, text) in sizes.items():

@@ -74,15 +74,14 @@ class Rule:
     remedy: Texts = ""
     is_of_estimate: bool = False
 
-    def holds(self, row: Mapping[str, object]) -> bool:
+    def holds(self, row: Mapping[str, Any]) -> bool:
         """Whether a row is within all limits of `within`, and has what it should."""
-        sizes = [row.get(column) for column in self.within]
         return (
             all(row.get(column) is None for column in self.without)
             and all(row.get(column) is not None for column in self.given)
             and all(
-                isinstance(size, float) and abs(size) < limit
-                for size, limit in zip(sizes, self.within.values(), strict=True)
+                row.get(column) is not None and abs(row[column]) < limit
+                for column, limit in self.within.items()
             )
         )
 

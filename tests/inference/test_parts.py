@@ -107,22 +107,28 @@ def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
     assert fit.squares_of_unseen()[5] == pytest.approx(miss @ miss, rel=1e-6)
 
 
-def test_the_odds_of_friction_are_the_ratio_of_both_likelihoods():
+@pytest.mark.parametrize(("squares", "freedom", "probability"), [
+    ([24 + 2 * np.log(3), 24], 24, 3 / 4),
+    # what leaves noise alone is certain beside a fault that leaves a little more
+    ([2e5, 2e5, 1e4, 2e3], 2e3, 1.0),
+])  # fmt: skip
+def test_the_odds_of_models_are_the_ratio_of_their_likelihoods(squares, freedom, probability):
     """Of noise of variance 1, exp(-squares/2); whether there is friction is not known before."""
+    models = [EQ_15, EQ_15, *CANDIDATE_MODELS[4:6]]
     fits = [
         SimpleNamespace(
-            model=EQ_15,
-            has_friction=has_friction,
-            squares=np.full(24, squares / 24),
+            model=models[k],
+            has_friction=k == 1,
+            squares=np.full(24, left / 24),
             rounding_left=0.0,
             friction_torque=0.0,
             impedances=np.ones((1, 3)),
             errors=np.full(3, 1e-3),
         )
-        for has_friction, squares in ((False, 24 + 2 * np.log(3)), (True, 24))
+        for k, left in enumerate(squares)
     ]
 
-    assert weigh(fits, 24)[0][1][1] == pytest.approx(3 / 4)
+    assert weigh(fits, freedom)[0][-1][1] == pytest.approx(probability)
 
 
 def test_candidates_are_sought_from_the_smallest_to_the_largest_of_benches():

@@ -28,6 +28,9 @@ from osl_analysis.stats.linear_fit import products_between
 
 WINDOW_S = 4.0  # s; of a motion that is no stepped sine
 DISTINCT_LINES = 2  # lines of a Hann window, of which each depends on its neighbours
+# of neighbouring pairs of Hann windows that overlap by three quarters: the variance of a mean to
+# that of independent pairs, by the squares of the window's correlation with itself
+UNITS_ALIKE = 1.34
 LEAST_POWER = 1e-4  # of the angle's strongest line
 # of a spread over units, one of which may move the joint far more than the others. Below, an
 # interval has more than 165 standard errors, and tells nothing (a chirp had 5.6e153 N*m/rad)
@@ -150,16 +153,19 @@ def response_to_sine(analysis: Analysis, number: int) -> Response:
     is_of_sine = groups.stratum == number
     first = groups.first[is_of_sine]
     stop = groups.stop[is_of_sine]
-    rows = slice(int(first.min()), int(np.ceil(stop.max())))
-    turn = np.exp(-2j * np.pi * frequency_hz * record.time[rows, None])
-    signals = np.column_stack([record.theta, record.torque - drift])[rows]
-    sums = products_between(turn, signals, first - rows.start, stop - rows.start)
+    turn = np.exp(-2j * np.pi * frequency_hz * record.time[:, None])
+    signals = np.column_stack([record.theta, record.torque - drift])
+    sums = products_between(turn, signals, first, stop)
     theta, torque = (sums[:, 0] / (stop - first)[:, None]).T
     return response_of_pieces(frequency_hz, theta, torque, np.arange(len(first)))
 
 
 def response_of_pieces(
-    frequency_hz: float, theta: Spectrum, torque: Spectrum, unit: NDArray[np.intp]
+    frequency_hz: float,
+    theta: Spectrum,
+    torque: Spectrum,
+    unit: NDArray[np.intp],
+    alike: float = 1.0,
 ) -> Response:
     """The response at one frequency by the amplitudes of k pieces, (k,), which belong to units.
 
@@ -175,7 +181,7 @@ def response_of_pieces(
     if freedom >= LEAST_FREEDOM:
         without_unit = (all_power - power) / (all_cross - cross)
         u = len(power)
-        deviations = (without_unit - without_unit.mean()) * np.sqrt((u - 1) / u)
+        deviations = (without_unit - without_unit.mean()) * np.sqrt(alike * (u - 1) / u)
     return Response(frequency_hz, complex(all_power / all_cross), deviations, freedom)
 
 
@@ -200,52 +206,58 @@ def responses_of_windows(analysis: Analysis, at_hz: float | None) -> list[Respon
 
     The torque's amplitude in a window is that of Eq. 15 plus the window's of what Eq. 15 leaves:
     the window would mix neighbouring frequencies, between which Z changes (2 % at 6 Hz), and what
-    is left changes less. At a line the joint moves with the mean of these frequencies by their
-    power, Im sum(conj(theta) omega) / sum(abs(theta)^2): Z is that at this mean, to first order.
-    Sines between the lines would be told with an error of up to 7 % else.
+    is left changes less. Of a motion that is not periodic, Z is told where the joint moves: at the
+    mean, by their power, of the frequencies that a window has at a line. There the window is asked
+    again, since a line beside a sine has up to a sixth of the next sine, 0.5 Hz apart, which beats
+    with it alike in all windows, so that no scatter shows it. Lines whose means
+    are of one line are one.
     """
     record = analysis.record
     fit = analysis.whole
     starts, unit, window = windows_of(record)
-    if not starts.size:  # the recording is shorter than a window
-        return []
-    signals = np.array(
-        [
-            record.motion.theta,
-            record.motion.omega,
-            record.filtered_torque - analysis.modelled(),
-        ]
-    )
-    views = np.lib.stride_tricks.sliding_window_view(signals, len(window), axis=1)
-    pieces = views[:, starts]
+    unexplained = record.filtered_torque - analysis.modelled()
+    signals = np.array([record.motion.theta, record.motion.omega, unexplained])
+    pieces = signals[:, starts[:, None] + np.arange(len(window))]
     windows = window * (pieces - pieces.mean(axis=2, keepdims=True))
-    power = (np.abs(np.fft.rfft(windows[0])) ** 2).sum(axis=0)
-    lines_hz = np.fft.rfftfreq(len(window), 1 / record.rate_hz)
     highest_hz = min(record.band_hz[1], record.settings.cutoff_hz)
-    moves = (lines_hz <= highest_hz) & (power > LEAST_POWER * power.max())
     step = 1 if record.periodic else DISTINCT_LINES
-    distinct = slice(step, None, step)
-    frequency_hz = lines_hz[distinct][moves[distinct]]
+    lines_hz = np.fft.rfftfreq(len(window), 1 / record.rate_hz)[step::step]
+    frequency_hz = lines_hz[lines_hz <= highest_hz]
     if at_hz and not record.periodic and record.band_hz[0] <= at_hz <= highest_hz:
-        apart = np.maximum(frequency_hz / at_hz, at_hz / frequency_hz)
-        frequency_hz = np.append(frequency_hz[apart >= SAME_FREQUENCY_RATIO], at_hz)
+        frequency_hz = np.append(at_hz, frequency_hz)
 
-    time = np.arange(len(window)) / record.rate_hz
-    theta, omega, left = windows @ np.exp(-2j * np.pi * np.outer(time, frequency_hz))
-    if not record.periodic:
-        speed = (theta.conj() * omega).sum(axis=0).imag / (np.abs(theta) ** 2).sum(axis=0)
-        frequency_hz = np.where(frequency_hz == at_hz, frequency_hz, speed / (2 * np.pi))
+    *_, power, moving_hz = moving_at(frequency_hz, windows, record, at_hz)
+    moving_hz = moving_hz[power > LEAST_POWER * power.max()]
+    theta, left, _, frequency_hz = moving_at(moving_hz, windows, record, at_hz)
+    _, distinct = np.unique(np.rint(frequency_hz / lines_hz[0]), return_index=True)
     s = 2j * np.pi * frequency_hz
     torque = (fit["K"] + fit["B"] * s + fit["I"] * s**2) * theta + left
+    alike = 1.0 if record.periodic else UNITS_ALIKE
     return [
-        response_of_pieces(hz, theta[:, k], torque[:, k], unit) for k, hz in enumerate(frequency_hz)
+        response_of_pieces(frequency_hz[k], theta[:, k], torque[:, k], unit, alike)
+        for k in distinct
     ]
+
+
+def moving_at(
+    asked_hz: NDArray[np.floating], windows: Array, record: Record, at_hz: float | None
+) -> tuple[Spectrum, Spectrum, Array, Array]:
+    """Amplitudes (k, f) in windows (3, k, n) of the angle and of the torque that is left, at
+    frequencies, the angle's power (f,), and the mean by power of the frequencies (f,) [Hz] that a
+    window has there. A line of a period and a stated frequency are what they are."""
+    time = np.arange(windows.shape[2]) / record.rate_hz
+    theta, omega, left = windows @ np.exp(-2j * np.pi * np.outer(time, asked_hz))
+    power = (np.abs(theta) ** 2).sum(axis=0)
+    moving_hz = (theta.conj() * omega).sum(axis=0).imag / (2 * np.pi * power)
+    is_exact = (asked_hz == at_hz) | (record.periodic is not None)
+    return theta, left, power, np.where(is_exact, asked_hz, moving_hz)
 
 
 def windows_of(record: Record) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """First rows (k,), units (k,) and shape (n,) of windows.
 
-    They are Hann windows that overlap by half, each of them a unit. In a periodic motion they are
+    They are Hann windows that overlap by three quarters, two of them a unit: what neighbouring
+    sines 0.5 Hz apart add to one window the next one takes away. In a periodic motion they are
     the periods, and a realisation is a unit: its distortion by friction repeats in each period. So
     few realisations have wide intervals, and one has none.
     """
@@ -257,6 +269,6 @@ def windows_of(record: Record) -> tuple[NDArray[np.intp], NDArray[np.intp], Arra
         return np.minimum(starts, len(record.time) - n), periodic.realisation, np.ones(n)
 
     n = round(WINDOW_S * rate_hz)
-    pieces = [np.arange(rows.start, rows.stop - n + 1, n // 2) for rows in runs(record.is_fitted())]
+    pieces = [np.arange(rows.start, rows.stop - n + 1, n // 4) for rows in runs(record.is_fitted())]
     starts = np.concatenate(pieces)
-    return starts, np.arange(len(starts)), scipy.signal.windows.hann(n, sym=False)
+    return starts, np.arange(len(starts)) // 2, scipy.signal.windows.hann(n, sym=False)

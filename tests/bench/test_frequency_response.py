@@ -126,15 +126,15 @@ def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals():
 
 def test_sines_half_a_hertz_apart_are_each_told_within_their_intervals():
     """Every two seconds they beat alike, and a late torque is of no joint of second order."""
-    sines_hz = [0.39, 0.89, 1.65, 2.48, 3.8]
+    share = share_held(lambda rng: sines(rng, [0.39, 0.89, 1.65, 2.48, 3.8], duration=60.0), 0.02)
 
-    assert 0.9 < share_held(lambda rng: sines(rng, sines_hz, duration=60.0), late=0.02) < 0.99
+    assert 0.9 < share < 0.99
 
 
 def test_stiffness_and_damping_stand_at_a_stated_frequency():
     """Between the lines of four seconds; of a joint of second order K is K - I w^2."""
     rng = np.random.default_rng(1)
-    record = recorded(rng, chirp(rng, band=(0.4, 6.4))[1])
+    record = recorded(rng, chirp(rng)[1])
 
     table = response_table(analysed(record, IMPEDANCE), 3.3)
 
@@ -164,7 +164,7 @@ def test_one_realisation_has_a_response_and_no_interval():
 
     table = table_of_record(recorded(rng, multisines(rng, 1)))
 
-    assert table["magnitude_low"].null_count() > 0.5 * len(table)
+    assert table["magnitude_low"].null_count() > 8
 
 
 def test_a_response_tells_how_far_it_is_from_the_desired_impedance():

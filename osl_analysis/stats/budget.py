@@ -82,11 +82,6 @@ class Contribution:
         """Its standard uncertainty; 0 where it is not known."""
         return self.standard or 0.0
 
-    @property
-    def known_probability(self) -> float | None:
-        """Its probability; None of what nobody has measured."""
-        return self.probability if self.size or self.basis != "assumed" else None
-
 
 FIELDS = [field.name for field in fields(Contribution)]
 QUANTITIES = ("K", "B", "I")  # of Eq. 15
@@ -200,7 +195,9 @@ class Budget:
 
     def columns(self, name: str) -> dict[str, Any]:
         """`name`, and the ends of its interval."""
-        return {name: self.value, f"{name}_low": self.low, f"{name}_high": self.high}
+        half = self.half_width()
+        low, high = self.value - half, self.value + half
+        return {name: self.value, f"{name}_low": low, f"{name}_high": high}
 
     def verdict(self, needed: float) -> Verdict:
         """Judge the estimate.
@@ -242,7 +239,12 @@ def budget_rows(place: Mapping[str, Any], estimates: Mapping[str, Budget]) -> li
     of 0 says that candidate models were weighed. What nobody has measured has no probability."""
     of_place = {name: place.get(name) for name in ("trial", "amplitude_deg")}
     return [
-        {**of_place, "estimate": name, **vars(each), "probability": each.known_probability}
+        {
+            **of_place,
+            "estimate": name,
+            **vars(each),
+            "probability": each.probability if each.size or each.basis != "assumed" else None,
+        }
         for name, budget in estimates.items()
         for each in budget.contributions
         if each.standard != 0.0 or each.basis == "bound"

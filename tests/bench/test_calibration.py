@@ -40,7 +40,8 @@ from osl_analysis.signals.filters import LowPass, differentiate
 from osl_analysis.signals.grid import origin
 
 TRUE = {"K": 200.0, "B": 4.0, "I": 0.05}
-SOUND = stepped_sine(second_order, 0.01, FIVE)
+CENTRED = stepped_sine(second_order, 0.01, FIVE)
+SOUND = record_of_sines(CENTRED.time, CENTRED.theta + 0.5, CENTRED.torque, FIVE)
 
 
 def fit_of(record=SOUND, **stated):
@@ -81,8 +82,8 @@ LOOPED = SOUND.torque + 0.01 / np.sqrt(12) * np.ptp(SOUND.filtered_torque) * RIS
             0.02,
         ),
         (
-            {"inertia_error": 0.0, "weight_error": 5.0},
-            {"torque": SOUND.torque + 5.0 * np.sin(SOUND.theta)},
+            {"inertia_error": 0.0, "weight_error": 5.0, "rest_deg": 30.0},
+            {"torque": SOUND.torque + 5.0 * np.sin(SOUND.theta - np.pi / 6)},
             0.01,
         ),
         # a rectangular distribution

@@ -105,6 +105,8 @@ def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
         .drop_nulls("standard")
         .is_empty()
     )
+    of_theta_m = tables["budget"].filter(source="theta_m_delay")["standard"][0]
+    assert of_theta_m == pytest.approx(0.6 * P.B_j / P.K_s / np.sqrt(3), rel=0.1)
 
 
 @least_squares_alone

@@ -263,6 +263,9 @@ def test_no_estimate_and_no_interval_jumps(kind, sizes):
     for name in "KBI":
         half_widths = np.array([fit.half_width(name) for fit in fits])
         assert np.all(np.abs(np.diff(np.log(half_widths))) < np.log(2.2)), name
+    # B changes with the motion, as friction does
+    K = [fit["K"] for fit in fits]
+    assert np.ptp(K) < max(fit.half_width("K") for fit in fits)
 
 
 def test_noise_drawn_anew_hardly_moves_an_interval():

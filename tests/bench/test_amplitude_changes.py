@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import made_trial, noise
+from any_motion import TRUE, made_trial, noise
 from bench_synthetic import FIVE, stepped_sine, table_of
 from conftest import least_squares_alone
 from shipped import CONFIG
@@ -85,6 +85,16 @@ def test_a_person_s_lean_is_in_the_range_as_little_as_in_the_estimate():
 
     for name in ("I_range_low", "I_range_high"):
         assert leant_row[name][-1] == pytest.approx(upright_row[name][-1], rel=0.05)
+
+
+def test_noise_of_a_coarse_encoder_is_in_neither_part_of_the_band():
+    """Where the upper part keeps it, I is half as large again."""
+    rng = np.random.default_rng(1)
+    trial = made_trial(rng, noise(rng, (0.2, 2.0), rms_deg=4.0), torque_noise=0.01, bits=12)
+
+    row = table_of(record_of_trial(trial, CONFIG.dynamometer)).row(-1, named=True)
+
+    assert row["I_range_high"] == pytest.approx(TRUE["I"], rel=0.3)
 
 
 def test_one_amplitude_of_two_sines_has_no_range():

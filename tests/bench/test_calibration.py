@@ -185,14 +185,6 @@ def standard_error(row, name):
     return half_width(row, name) / 1.96
 
 
-def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
-    row = calibrated(spring(1e-3, 1.02), known_K=300.0)
-    assert row["doubtful"] == "delay of the torque; wrong gain"
-    assert yaml.safe_load(row["to_state"])["calibration"]["delay"] == pytest.approx(
-        standard_error(row, "lag_s"), rel=0.05
-    )
-
-
 def test_what_is_known_badly_and_what_a_spring_loses_are_in_the_budget():
     """A loss is a phase at most, in the middle of 0.5 and 6 Hz."""
     known = {"known_K": 300.0, "known_I": 0.003, "known_percent": 1.0}
@@ -202,6 +194,8 @@ def test_what_is_known_badly_and_what_a_spring_loses_are_in_the_budget():
     sizes = {(name, source): size for name, source, size in rows}
     phase = uniform(-SPRING_LOSS, 2 * SPRING_LOSS).std()
 
+    stated = yaml.safe_load(row["to_state"])["calibration"]
+    assert stated["delay"] == pytest.approx(standard_error(row, "lag_s"), rel=0.05)
     assert tables["budget"].filter(source="known_part")["freedom"].null_count() == 2
     assert row["inertia"] == pytest.approx(0.004 - 0.003, rel=0.05)
     for name in ("gain", "inertia"):

@@ -20,7 +20,6 @@ from shipped import LEG as P
 from osl_analysis.base.trial import Trial
 from osl_analysis.bench.budgets import WhatElse, certain_lag
 from osl_analysis.bench.evidence import impedance_table
-from osl_analysis.bench.friction import DryFriction
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
@@ -97,16 +96,11 @@ def record_of_leg(trial):
 
 def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
     """It looks like an angle that is late by the difference over K_s: 0.36 ms."""
-    tables = impedance_table(rendered_impedance(record_of_leg(leg(B_j=1.6 * P.B_j))), P)
+    lag = belt_of_leg(record_of_leg(leg(B_j=1.6 * P.B_j)), P).lag
 
-    assert (
-        tables["budget"]
-        .filter(part="fault", source="late_torque")
-        .drop_nulls("standard")
-        .is_empty()
-    )
-    of_theta_m = tables["budget"].filter(source="theta_m_delay")["standard"][0]
-    assert of_theta_m == pytest.approx(0.6 * P.B_j / P.K_s / np.sqrt(3), rel=0.1)
+    assert not lag.certain("lag_s")
+    (of_theta_m,) = lag.budget("lag_s").of_source("theta_m_delay")
+    assert of_theta_m.standard == pytest.approx(0.6 * P.B_j / P.K_s / np.sqrt(3), rel=0.1)
 
 
 @least_squares_alone
@@ -187,7 +181,7 @@ def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     lag = LinearFit(("lag_s",), *numbers)
 
     analysis = SimpleNamespace(whole={"K": 300.0, "B": 2.0})
-    found = WhatElse(analysis, Belt(lag=lag), None, DryFriction(None), {}, False)
+    found = WhatElse(analysis, Belt(lag=lag), None, None, {}, False)
 
     assert not certain_lag(found, "K")
     assert certain_lag(found, "B")[0].standard == pytest.approx(3)
@@ -216,17 +210,18 @@ def test_a_joint_whose_motor_turns_a_twentieth_as_far_is_a_leg(share, is_one):
 def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():
     trial = leg()
     turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))
+    record = record_of_leg(turned)
 
-    belt = belt_of_leg(record_of_leg(turned), P)
+    belt = belt_of_leg(record, P)
 
-    assert belt.lag is belt_of_leg(record_of_leg(turned), N_T_ALONE).lag is None
+    assert belt.lag is belt_of_leg(record, N_T_ALONE).lag is None
     assert belt.K_s_ratio < 0.7
 
 
 def test_the_delay_of_a_bench_is_pooled_with_what_trials_share():
-    """Three trials that are 2 ms late to 50 us, and share 80 us; with amplitudes, which do not
-    count."""
-    lags = pl.Series([1.95e-3, 9.0, 2.0e-3, 2.05e-3])
+    """Three trials whose angle is 2 ms late to 50 us, and which share 80 us; with
+    amplitudes, which do not count."""
+    lags = pl.Series([-1.95e-3, 9.0, -2.0e-3, -2.05e-3])
     amplitudes = [None, 2.0, None, None]
     half = 1.96 * 85e-6
     ends = {
@@ -240,8 +235,8 @@ def test_the_delay_of_a_bench_is_pooled_with_what_trials_share():
     table = delay_table(rows)
 
     row = table.row(0, named=True)
-    assert (table.height, row["trials"], row["to_state"]) == (3, 3, "torque: {delay: 2 ms}")
-    assert row["delay_s"] == pytest.approx(2e-3)
+    assert (table.height, row["trials"], row["to_state"]) == (3, 3, "theta: {delay: 2 ms}")
+    assert row["delay_s"] == pytest.approx(-2e-3)
     delay_half = half_width(row, "delay_s")
     assert 1.96 * 80e-6 < delay_half < 1.96 * 100e-6
 

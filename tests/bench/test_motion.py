@@ -218,30 +218,25 @@ def test_a_part_of_a_period_counts_once_however_often_it_was_recorded(periods):
     assert fit["K"] == pytest.approx(TRUE["K"] + of_spring[0], rel=5e-4)
 
 
-JUMPS = {
-    "sines about a quarter of the moving time": ("quarter", (5, 6, 7, 8)),
-    "three to four sines": ("sines", (3, 4, 5)),
-    "periods that differ by 3 %": ("periods", (0.02, 0.03, 0.035, 0.04)),
-    "one more cycle": ("cycles", (4, 5, 6)),
-}
+JUMPS = [
+    ("sines about a quarter of the moving time", (5, 6, 7, 8)),
+    ("three to four sines", (3, 4, 5)),
+    ("periods that differ by 3 %", (0.02, 0.03, 0.035, 0.04)),
+    ("one more cycle", (4, 5, 6)),
+]
 
 
 def neighbour(kind, size):
     """An angle, and a recording of it beside one whose `size` is a little larger: friction of 4 %
     makes what Eq. 15 misses."""
     rng = np.random.default_rng(6)
-    if kind == "quarter":
+    if kind == "sines about a quarter of the moving time":
         x = noise(rng, duration=30.0, rms_deg=1.0)[1][0]
-        sines = (
-            1.4
-            * np.deg2rad(1.0)
-            * np.sqrt(2)
-            * unit_sines([(hz, size) for hz in (1, 2, 3, 4)], RATE)
-        )
+        sines = np.deg2rad(2) * unit_sines([(hz, size) for hz in (1, 2, 3, 4)], RATE)
         angle = np.concatenate([x, sines])
-    elif kind == "sines":
+    elif kind == "three to four sines":
         angle = np.deg2rad(3) * unit_sines([(hz, 10) for hz in np.linspace(1, 4, size)], RATE)
-    elif kind == "cycles":
+    elif kind == "one more cycle":
         parts = [(hz, 8) for hz in (1, 2, 3, 4)]
         angle = np.deg2rad(3) * unit_sines([*parts, *parts, (5, size)], RATE)
     else:
@@ -256,7 +251,7 @@ def neighbour(kind, size):
     return Trial("made", trial.samples.with_columns(torque=pl.col("torque") + rubs))
 
 
-@pytest.mark.parametrize(("kind", "sizes"), JUMPS.values(), ids=JUMPS)
+@pytest.mark.parametrize(("kind", "sizes"), JUMPS)
 def test_no_estimate_and_no_interval_jumps(kind, sizes):
     fits = [rendered_impedance(record_of_trial(neighbour(kind, s), ANY)).whole for s in sizes]
 
@@ -268,29 +263,17 @@ def test_no_estimate_and_no_interval_jumps(kind, sizes):
     assert np.ptp(K) < max(fit.half_width("K") for fit in fits)
 
 
-def test_noise_drawn_anew_hardly_moves_an_interval():
-    sines = np.deg2rad(3) * unit_sines([(hz, 14) for hz in (1, 2, 3, 4, 5)], RATE)
-    motion = smoothed(np.pad(sines, int(RATE)), 0.01)
-    fits = [
-        rendered_impedance(record_of_trial(made_trial(np.random.default_rng(k), motion), ANY)).whole
-        for k in range(16)
-    ]
+def test_rounding_of_a_creep_to_two_levels_is_in_the_interval_of_K():
+    """By what K scatters over zeros of the encoder. With the other sign of what an error's rate
+    does it is 1.6 times as large."""
+    levels = np.repeat(np.tile(np.deg2rad([3, -3]), 20), 200)
+    motion = smoothed(scipy.signal.lfilter([0.02], [1, -0.98], levels), 0.03)
+    fits = []
+    for seed in range(16):
+        trial = made_trial(np.random.default_rng(seed), motion, 1e-3, bits=12, K=100.0)
+        fits.append(rendered_impedance(moving_record(trial)).whole)
 
-    assert np.median([fit.budget("K").spread()[1] for fit in fits]) > 11
-    low, high = np.quantile([fit.half_width("K") for fit in fits], [0.05, 0.95])
-    assert high < 2.5 * low
-
-
-def test_rounding_of_two_levels_is_in_the_interval_of_K():
-    rng = np.random.default_rng(4)
-    levels = np.repeat(np.tile(np.deg2rad([3, -3]), 40), rng.integers(100, 200, 80))
-    trial = made_trial(rng, smoothed(levels, 0.03), 0.01, bits=12)
-
-    whole = rendered_impedance(moving_record(trial)).whole
-
-    steps = np.deg2rad(6) / (2 * np.pi / 2**12)
-    of_two_levels = TRUE["K"] * np.sqrt(2 / 12) / steps
-    assert whole.se("K") == pytest.approx(of_two_levels, rel=0.2)
+    assert fits[0].se("K") == pytest.approx(np.std([fit["K"] for fit in fits]), rel=0.25)
 
 
 @least_squares_alone
@@ -303,18 +286,13 @@ def test_a_weight_above_its_axis_and_a_mass_behind_a_spring_are_fitted(joint):
 
 
 def test_rounding_of_a_small_stepped_sine_is_in_the_interval_of_K():
-    """Of 23 steps of the encoder, whose zero is any angle, or the centre of the sine. Without it 7
-    of 12 hold K."""
+    """Of 23 steps of the encoder."""
     rate = 1000.0
     sines = unit_sines([(hz, 8) for hz in (0.5, 0.75, 1, 2)], rate)
     motion = smoothed(np.deg2rad(2) * np.pad(sines, 1000), 0.01, rate)
-    step = 2 * np.pi / 2**11
     held = []
     for seed in range(12):
         trial = made_trial(np.random.default_rng(seed), motion, 0.01, bits=11)
-        if seed < 6:
-            centred = np.rint(motion[1][0] / step) * step
-            trial = Trial("made", trial.samples.with_columns(theta=pl.Series(centred)))
         fits = rendered_impedance(record_of_trial(trial, SETTINGS)).fits
         for fit in fits.values():  # of its amplitude, and of all
             held.append(abs(fit["K"] - TRUE["K"]) < fit.half_width("K"))
@@ -365,15 +343,11 @@ def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words)
 @pytest.mark.parametrize(("motion", "words"), [
     ({"rate": 8}, "8 rows"), ({"rate": 25}, "100 rows"),
     ({"rms_deg": 0.04}, "theta.* 1[0-9] steps.* 20 "),
+    ({"rms_deg": 0.2, "band": (0.2, 2.0)}, r"encoder has 0\.3[0-9]* times"),
 ])  # fmt: skip
-def test_too_few_rows_per_second_and_steps_of_the_encoder_are_named(motion, words):
-    with refused_with(words):
+def test_few_rows_per_second_steps_and_noise_of_the_encoder_are_refused(motion, words):
+    with pytest.raises((IdentifiabilityError, InputError), match=words):
         row_of(moved(noise, 4, motion, bits=14))
-
-
-def test_an_acceleration_that_is_a_third_noise_of_the_encoder_is_refused():
-    with pytest.raises(IdentifiabilityError, match=r"encoder has 0\.3[0-9]* times"):
-        row_of(moved(noise, 4, {"rms_deg": 0.2, "band": (0.2, 2.0)}, bits=14))
 
 
 @pytest.mark.parametrize("excitation", ["auto", "any"])

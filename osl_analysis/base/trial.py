@@ -60,7 +60,7 @@ def unit_of(column: str) -> str:
 LATE_END_S = 1.0  # s by which a stated window may end after the recording
 
 
-def stretches(text: str, duration_s: float = math.inf) -> list[tuple[float, float]]:
+def parsed_windows(text: str, duration_s: float = math.inf) -> list[tuple[float, float]]:
     """Read the parts of a recording that are stated as `2-30 40-62`.
 
     Parameters
@@ -173,7 +173,7 @@ class Trial:
         """Begin and end [s] of windows, stated as `2-30 40-62` after the first sample. Raises
         InputError: they are no windows of this trial."""
         with naming(f"trial {self.name}"):
-            return stretches(windows, np.ptp(self.samples["time"].to_numpy()))
+            return parsed_windows(windows, np.ptp(self.samples["time"].to_numpy()))
 
     def within(self, windows: str) -> "Trial":
         """The samples within windows, stated as for `parts`."""

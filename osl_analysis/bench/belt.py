@@ -13,7 +13,7 @@ from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.budgets import fit_tables
 from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
 from osl_analysis.bench.impedance import Analysis
-from osl_analysis.bench.motion import stretches_of
+from osl_analysis.bench.motion import blocks_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
 from osl_analysis.bench.regression import Model, fit_groups, gram_sums, offset_and_drift
@@ -28,7 +28,7 @@ STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_loading": "omega"}
 QUADRATIC: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
 """On a raised cosine damping and curvature are collinear, so that it has no damping."""
 CONSTANT_VELOCITY = 0.05  # SD of a velocity over its mean, below which it makes a constant torque
-STRETCHES = 16  # of each branch, whose scatter gives its interval
+BRANCH_BLOCKS = 16  # of each branch, whose scatter gives its interval
 LEAST_DEFLECTION_DEG = 0.5
 LOADED_SHARE = 0.05  # share of the peak where loading begins: the belt's hysteresis reverses below
 # of the joint's turn, below which a shaft rests: K_s is off by 1 % at most
@@ -96,7 +96,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
     omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity and
     ends at rest. The damping holds friction of belt and joint, as much as there is: it is no B_j. A
     constant velocity makes a constant torque, which the offset contains. `model` is that of another
-    stretch of the same cycles, whose estimates are compared.
+    part of the same cycles, whose estimates are compared.
 
     The load cell's drift has the standard deviation `drift` [N*m/s]. A line cannot tell drift from
     stiffness, and no scatter shows it: it enters the intervals as type B (JCGM 100:2008, 4.3).
@@ -137,7 +137,7 @@ def loop_of(theta_s: Array) -> Loop:
 
 
 def branches_of(record: Record, loaded_share: float = LOADED_SHARE) -> Groups:
-    """Stretches of all loadings and all unloadings of a belt in usable rows, where it deflects by
+    """Blocks of all loadings and all unloadings of a belt in usable rows, where it deflects by
     `loaded_share` of its peak or more.
 
     Raises
@@ -159,11 +159,11 @@ def branches_of(record: Record, loaded_share: float = LOADED_SHARE) -> Groups:
             )
         # no shorter than half a period of the cut-off
         longest = max(rows.stop - rows.start for rows in runs(is_loaded))
-        seconds = max(longest / record.rate_hz / STRETCHES, 0.5 / record.settings.cutoff_hz)
+        seconds = max(longest / record.rate_hz / BRANCH_BLOCKS, 0.5 / record.settings.cutoff_hz)
         rows = runs(is_loaded & record.usable)
-        branches.append(stretches_of(rows, record.rate_hz, seconds))
+        branches.append(blocks_of(rows, record.rate_hz, seconds))
     return Groups(
-        "stretches",
+        "blocks",
         np.concatenate([branch.first for branch in branches]),
         np.concatenate([branch.stop for branch in branches]),
         np.repeat([0, 1], [len(branch.first) for branch in branches]),

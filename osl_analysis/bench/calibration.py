@@ -216,14 +216,14 @@ def late_fits(record: Record, is_spring: bool) -> tuple[LinearFit, LinearFit | N
         The fit that allows damping; None for a spring with too little inertia to tell it.
     """
     columns = sums_of(record).columns
-    few = record.coarse
+    coarse = record.coarse
     model = {**IMPEDANCE, "T_C": "T_C"}
 
     def fitted(model: Model) -> LinearFit:
         """The fit with the error of the encoder's steps, to first order in the lags."""
-        fit, _ = late_fit(few, columns, model, drifts=True)
+        fit, _ = late_fit(coarse, columns, model, drifts=True)
         in_time = sum(fit[name] * columns[column] for name, column in model.items())
-        slope = -np.gradient(in_time, 1 / few.rate_hz)
+        slope = -np.gradient(in_time, 1 / coarse.rate_hz)
         of_lags = {"clock_drift": slope * columns["ramp"], "lag_s": slope}
         of_fit = {**model, **{name: name for name in of_lags}}  # in the order of the fit
         return with_encoder_errors(record, {**columns, **of_lags}, of_fit, {None: fit})[None]

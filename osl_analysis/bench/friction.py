@@ -158,7 +158,7 @@ def without_friction(s: Sums, model: Model, friction: LinearFit) -> LinearFit:
 def raw_signals(record: Record, **actuator: Array | None) -> BenchSignals:
     """The raw signals of a record near the fitted rows, since the inference finds their band
     itself; `actuator` has those of a leg's."""
-    # the ends of fitted stretches are left out for the sake of the fit's own filter
+    # the ends of fitted pieces are left out for the sake of the fit's own filter
     edge = round(EDGE_PERIODS * record.rate_hz / record.settings.cutoff_hz)
     return BenchSignals(
         theta=record.theta,
@@ -214,21 +214,21 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> DryF
         Its size need not show.
     """
     record = analysis.record
-    few = record.coarse
-    columns = columns_of(few)
+    coarse = record.coarse
+    columns = columns_of(coarse)
     X = np.array([columns[column] for column in IMPEDANCE.values()])
-    rows = few.is_fitted()
-    theta_m = few.actuator["theta_m"]
+    rows = coarse.is_fitted()
+    theta_m = coarse.actuator["theta_m"]
     beside = np.vstack([X, theta_m])[:, rows]
-    stiffness, *_, kappa = np.linalg.lstsq(beside.T, few.filtered_torque[rows])[0]
-    theta = few.motion.theta
+    stiffness, *_, kappa = np.linalg.lstsq(beside.T, coarse.filtered_torque[rows])[0]
+    theta = coarse.motion.theta
     wound = theta + kappa / stiffness * theta_m
     (hysteresis,) = slipping_springs(wound, FRICTION_WINDS[-1:])
     # friction and the belt's hysteresis look alike: how much is whose is told within these bounds
-    bounds = np.array([actuator.angles(theta, z, few.rate_hz) for z in (hysteresis, 0 * theta)])
+    bounds = np.array([actuator.angles(theta, z, coarse.rate_hz) for z in (hysteresis, 0 * theta)])
     torques = kappa * (theta_m - bounds.mean(axis=0))
     of_hysteresis = kappa * (bounds[0, 0] - bounds[1, 0]) / 2
-    sums = gram_sums(few, {**columns, "T_C": torques[0]}, record.angle_noise)
+    sums = gram_sums(coarse, {**columns, "T_C": torques[0]}, record.angle_noise)
     fit = fit_groups(sums.less("T_C", 1.0), IMPEDANCE)
     by_torque = np.linalg.pinv(X[:, rows].T)
     of_blocks = deviations(torques[:, rows] @ by_torque.T)

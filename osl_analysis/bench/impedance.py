@@ -331,8 +331,8 @@ def with_encoder_errors(
     step = record.encoder_step
     if not step:
         return dict(fits)
-    few = record.coarse
-    each = slice(None, None, round(record.rate_hz / few.rate_hz))
+    coarse = record.coarse
+    each = slice(None, None, round(record.rate_hz / coarse.rate_hz))
     # just beyond the filter a coarse sine has harmonics of its rounding
     noise, _ = noise_and_band(record.theta, record.rate_hz)
     repeated = repeated_share(noise, record.rate_hz, step)
@@ -345,11 +345,11 @@ def with_encoder_errors(
     reading = np.rint(record.theta[each] / step).astype(int)
     reading -= reading.min()
     X = np.array([columns[column] for column in model.values()])
-    slope = np.gradient(X, 1 / few.rate_hz, axis=1)
-    bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
+    slope = np.gradient(X, 1 / coarse.rate_hz, axis=1)
+    bend = np.gradient(slope, 1 / coarse.rate_hz, axis=1)
     found = {}
     for label, fit in fits.items():
-        rows = np.flatnonzero(few.is_fitted(label))
+        rows = np.flatnonzero(coarse.is_fitted(label))
         fitted = X[:, rows]
         _, inverse = solved(fitted @ fitted.T, np.zeros(len(X)))
         of_columns = dict(zip(model.values(), fit.estimates.tolist(), strict=True))
@@ -414,18 +414,18 @@ def parts_of(record: Record, sums: Sums) -> Iterator[Sums]:
 def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]:
     """The sums below and above a frequency, by a zero-phase filter over the whole record, as those
     of the whole band without slow torque and without the noise of the angle."""
-    few = record.coarse
+    coarse = record.coarse
     low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
-    recorded = np.array([*sums.columns.values(), few.filtered_torque, few.torque])
-    signals = fast_signals(few, sums.names, recorded)
+    recorded = np.array([*sums.columns.values(), coarse.filtered_torque, coarse.torque])
+    signals = fast_signals(coarse, sums.names, recorded)
     is_slow = np.isin(sums.names, ["one", "ramp"])
-    slow = scipy.signal.sosfiltfilt(sections_of(low_pass, few.rate_hz), signals)
+    slow = scipy.signal.sosfiltfilt(sections_of(low_pass, coarse.rate_hz), signals)
     noise_hz, power = record.angle_noise
     gain_below = low_pass.gain(noise_hz)
     for part, gain in ((slow, gain_below), (signals - slow, 1 - gain_below)):
         part[is_slow] = signals[is_slow]  # of each part the torque has its own offset and drift
         noise = np.array([noise_hz, power * gain**2])
-        products, noise_of_row = fitted_products(sums.names, part, few, noise)
+        products, noise_of_row = fitted_products(sums.names, part, coarse, noise)
         yield replace(sums, weighted=products, noise=noise_of_row)
 
 

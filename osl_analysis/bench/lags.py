@@ -48,7 +48,7 @@ CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
 
 
 def late_fit(
-    few: Record, columns: Mapping[str, Array], model: Model, drifts: bool = False
+    coarse: Record, columns: Mapping[str, Array], model: Model, drifts: bool = False
 ) -> tuple[LinearFit, bool]:
     """Fit a model to a torque that is late (Gauss-Newton).
 
@@ -58,7 +58,7 @@ def late_fit(
 
     Parameters
     ----------
-    few : Record
+    coarse : Record
         A coarse record of n rows.
     columns : Mapping of Array (n,)
         Columns by name.
@@ -86,13 +86,13 @@ def late_fit(
         shapes = {"clock_drift": columns["ramp"], **shapes}
     late_model = {**model, **{name: name for name in shapes}}
     lags = np.zeros(len(shapes))
-    torque_at = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, k=5)
-    modelled = few.filtered_torque
+    torque_at = scipy.interpolate.make_interp_spline(coarse.time, coarse.filtered_torque, k=5)
+    modelled = coarse.filtered_torque
     for _ in range(MOST_LAG_STEPS):
         lag = lags @ np.array([*shapes.values()])
-        torque = torque_at(np.clip(few.time + lag, few.time[0], few.time[-1]))
-        in_time = replace(few, filtered_torque=torque, torque=torque)
-        slope = seven_point_motion(modelled, few.rate_hz).omega
+        torque = torque_at(np.clip(coarse.time + lag, coarse.time[0], coarse.time[-1]))
+        in_time = replace(coarse, filtered_torque=torque, torque=torque)
+        slope = seven_point_motion(modelled, coarse.rate_hz).omega
         late = {name: -slope * shape for name, shape in shapes.items()}
         fit = fit_groups(gram_sums(in_time, {**columns, **late}), late_model, EFFECTS_LIMIT)
         modelled = of_model @ fit.estimates[: len(model)]
@@ -118,20 +118,20 @@ def is_leg(record: Record, p: DrivetrainParameters | None, is_of_gains: bool) ->
     """Whether a drivetrain renders the joint: its motor turns, and winds up the belt. A joint
     beside an idle motor is no leg. Without a parameter file the motor's turning has to do, and
     without `theta_m` that Eq. 9 with gains leaves less than Eq. 15 (`is_of_gains`)."""
-    few = record.coarse
-    theta_m = few.actuator.get("theta_m")
+    coarse = record.coarse
+    theta_m = coarse.actuator.get("theta_m")
     if theta_m is None:
         return is_of_gains
-    theta = few.motion.theta
+    theta = coarse.motion.theta
     angles = [theta, theta_m]
     if p is not None:
         angles = [theta, theta_m / p.n_T, belt_deflection(theta, theta_m, p)]
-    whole, *others = np.std(np.array(angles)[:, few.is_fitted()], axis=1)
+    whole, *others = np.std(np.array(angles)[:, coarse.is_fitted()], axis=1)
     return bool(min(others) >= LEAST_DEFLECTION * whole)
 
 
 def fit_belt(
-    few: Record, p: DrivetrainParameters, theta_m_late_s: float = 0.0
+    coarse: Record, p: DrivetrainParameters, theta_m_late_s: float = 0.0
 ) -> tuple[LinearFit, bool]:
     """Fit the belt of a leg.
 
@@ -148,17 +148,17 @@ def fit_belt(
     has_ended : bool
         As `late_fit`, whose errors it raises.
     """
-    motion = few.motion
-    theta_m = np.interp(few.time + theta_m_late_s, few.time, few.actuator["theta_m"])
+    motion = coarse.motion
+    theta_m = np.interp(coarse.time + theta_m_late_s, coarse.time, coarse.actuator["theta_m"])
     wound = belt_deflection(motion.theta, theta_m, p)
     of_belt = slipping_springs(wound, WINDS)
     of_joint = slipping_springs(motion.theta, WINDS)
     slips = np.vstack([of_belt, of_joint, np.tanh(motion.omega / SLIDES)])
-    slips = few.settings.low_pass(slips.T, few.rate_hz).T
+    slips = coarse.settings.low_pass(slips.T, coarse.rate_hz).T
     of_slips = {f"slips_{k}": torque for k, torque in enumerate(slips)}
-    columns = {**columns_of(few), "theta": wound - wound.mean(), **of_slips}
+    columns = {**columns_of(coarse), "theta": wound - wound.mean(), **of_slips}
     model = {"K_s": "theta", **TRANSMISSION, **{name: name for name in of_slips}}
-    fit, has_ended = late_fit(few, columns, model)
+    fit, has_ended = late_fit(coarse, columns, model)
     k = fit.names.index("J_j")
     of_J_j = fit.covariance[k]
     # of the lag if J_j were known; of few units rounding may leave less than nothing
@@ -194,10 +194,10 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
     Belt
         Nothing is told where the motion cannot tell it.
     """
-    few = record.coarse
+    coarse = record.coarse
     belt = Belt()
     with suppress(*CANNOT_TELL):
-        fit, has_ended = fit_belt(few, p)
+        fit, has_ended = fit_belt(coarse, p)
         K_s = fit["K_s"]
         if fit.half_width("K_s") > (OTHER_K_S - 1) * abs(K_s):
             return belt  # which slow or small motion does not tell from its hysteresis
@@ -206,8 +206,8 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
             is_belt = 1 / OTHER_K_S < K_s / p.K_s < OTHER_K_S
         else:
             # a joint is softer than its belt
-            wound = belt_deflection(few.motion.theta, few.actuator["theta_m"], p)
-            is_belt = K_s > 0 and np.std(wound) < np.std(few.motion.theta)
+            wound = belt_deflection(coarse.motion.theta, coarse.actuator["theta_m"], p)
+            is_belt = K_s > 0 and np.std(wound) < np.std(coarse.motion.theta)
         if not (is_belt and has_ended):
             return belt
 
@@ -219,7 +219,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
         theta_m_error = abs(late_s) / np.sqrt(3)  # a rectangular distribution
         if high < of_file / OTHER_B_J or low > of_file * OTHER_B_J > 0:
             # B_j is the file's, and theta_m late
-            fit, has_ended = fit_belt(few, p, late_s)
+            fit, has_ended = fit_belt(coarse, p, late_s)
             if not (has_ended and of_file):
                 return belt
             lag_s = fit["lag_s"] + (of_file - fit["B_j"]) / K_s

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.errors import Change, InputError, naming
 from osl_analysis.base.measured import noise_of
-from osl_analysis.base.trial import Array, Trial, stretches
+from osl_analysis.base.trial import Array, Trial, parsed_windows
 from osl_analysis.bench.bench_settings import SteppedSineAnalysis
 from osl_analysis.bench.record import (
     STIFFNESS_ALONE,
@@ -38,14 +38,14 @@ from osl_analysis.spectral.stepped_sine import (
     moving_bins,
 )
 
-SHORTEST_S = 1.0  # s; the shortest stretch that is fitted
+SHORTEST_S = 1.0  # s; the shortest piece that is fitted
 EDGE_PERIODS = 2.0  # of the cut-off at each end, where the filter depends on padding
 LONGEST_PIECE_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
 QUICK = 4.0  # cut-offs of the low-pass for the velocity's sign
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
 
-STRETCH_S = 1.0  # s; duration of a stretch: 30 correlation times of a 15 Hz low-pass
+BLOCK_S = 1.0  # s; duration of a block: 30 correlation times of a 15 Hz low-pass
 # of periods about their mean, above which a motion is not called periodic: a bench leaves 0.01, a
 # hand 0.05 to 0.1. Its interval is by the spread of its periods in any case
 BENCH_SCATTER = 0.03
@@ -154,7 +154,7 @@ def record_of_motion(
     windows: str | None,
     may_repeat: bool = True,
 ) -> Record:
-    """The record of a motion in groups of its periods, if it `may_repeat` itself, or of stretches.
+    """The record of a motion in groups of its periods, if it `may_repeat` itself, or of blocks.
     `moving` are the rows (n,) in which the joint moves."""
     rate = signals.rate_hz
     time = signals.time - signals.time[0]
@@ -162,10 +162,10 @@ def record_of_motion(
     inside = [(moved[0], moved[-1])]
     is_inside = np.ones(len(time), dtype=bool)
     if windows is not None:
-        inside = stretches(windows, time[-1])
+        inside = parsed_windows(windows, time[-1])
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
-    record = record_of(signals, settings, stretches_of(pieces, rate))
+    record = record_of(signals, settings, blocks_of(pieces, rate))
     usable = signals.usable & is_inside
     periodic = periodic_motion(record.theta, rate, usable) if may_repeat else None
     groups = periods_of(periodic, rate, record.is_fitted()) if periodic else None
@@ -199,7 +199,7 @@ def within(
 def fitted_pieces(
     time: Array, usable: NDArray[np.bool_], windows: list[tuple[float, float]], edge: float
 ) -> list[slice]:
-    """Rows of the fitted stretches: windows [s], or from the first to the last motion.
+    """Rows of the fitted pieces: windows [s], or from the first to the last motion.
 
     Two periods of the cut-off at each end are left out (130 ms at 15 Hz). There the filter depends
     on padding, which would change K by 0.05 % and I by 0.4 %.
@@ -215,7 +215,7 @@ def fitted_pieces(
         seconds = sum(stop - start for start, stop in windows)
         raise InputError(
             f"nothing is left to fit: the joint moves for {seconds:.3g} s, of which {edge:.2g} s"
-            f" at each end and rows near gaps do not count, and stretches need {SHORTEST_S:g} s",
+            f" at each end and rows near gaps do not count, and pieces need {SHORTEST_S:g} s",
             "record for longer, and 100 rows per second or more",
         )
     return found
@@ -279,7 +279,7 @@ def cycles_of(
 
 
 def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]) -> Groups | None:
-    """Groups of about `STRETCH_S` within each period of a motion.
+    """Groups of about `BLOCK_S` within each period of a motion.
 
     The same part of each period of a realisation is one stratum. In parts of a quarter of a second
     flicker noise was correlated from one to the next: K was held in 85 %, and is in 93 %
@@ -290,7 +290,7 @@ def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]
     Groups or None
         None if fewer than two parts of a period are usable twice.
     """
-    parts = max(round(motion.period / STRETCH_S), 1)
+    parts = max(round(motion.period / BLOCK_S), 1)
     rows_of_part = rate_hz * motion.period / parts
     part = np.arange(parts)
     begin = (rate_hz * motion.begins[:, None] + rows_of_part * part).ravel()
@@ -305,8 +305,8 @@ def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]
     return Groups("periods", begin[chosen], stop[chosen], stratum, len(times) * (Stratum(),))
 
 
-def stretches_of(pieces: Sequence[slice], rate_hz: float, seconds: float = STRETCH_S) -> Groups:
-    """Equal stretches of about `seconds` of each piece, or shorter ones of a short recording; all
+def blocks_of(pieces: Sequence[slice], rate_hz: float, seconds: float = BLOCK_S) -> Groups:
+    """Equal blocks of about `seconds` of each piece, or shorter ones of a short recording; all
     are one stratum, without repeats."""
     longest = min(
         seconds * rate_hz, sum(piece.stop - piece.start for piece in pieces) / FEWEST_PARTS

@@ -18,7 +18,7 @@ from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_models
 from osl_analysis.bench.friction import coulomb_fit, inferred_of_joint
 from osl_analysis.bench.impedance import Analysis, analysed
-from osl_analysis.bench.motion import stretches_of
+from osl_analysis.bench.motion import blocks_of
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.bench.regression import (
@@ -141,7 +141,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         motion=Motion(smooth.theta, omega, alpha),
         filtered_torque=low_pass(measured, rate),
         usable=usable,
-        groups=stretches_of(runs(moving), rate),
+        groups=blocks_of(runs(moving), rate),
         rate_hz=rate,
         signals=signals,
         settings=settings,

@@ -48,7 +48,7 @@ class Groups:
     Attributes
     ----------
     kind : str
-        What they are: `cycles`, `periods`, or `stretches`, which do not repeat.
+        What they are: `cycles`, `periods`, or `blocks`, which do not repeat.
     first, stop : Array (m,)
         Rows at which each group begins and ends, which may be fractional.
     stratum : Array (m,)
@@ -56,7 +56,7 @@ class Groups:
     strata : tuple of Stratum
     """
 
-    kind: Literal["cycles", "periods", "stretches"]
+    kind: Literal["cycles", "periods", "blocks"]
     first: Array
     stop: Array
     stratum: NDArray[np.intp]
@@ -65,7 +65,7 @@ class Groups:
     def repeat(self) -> NDArray[np.bool_]:
         """Which groups (m,) repeat others; a group alone in its stratum repeats none."""
         members = np.bincount(self.stratum)[self.stratum]
-        return (members > 1) & (self.kind != "stretches")
+        return (members > 1) & (self.kind != "blocks")
 
     def cover(
         self, is_chosen: NDArray[np.bool_], rows: int, edge: float = 0.0
@@ -220,7 +220,7 @@ class Record:
 
 def unlike_groups(first: Array, stop: Array) -> Groups:
     """Groups of rows between edges (m,) that do not repeat one another."""
-    return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (Stratum(),))
+    return Groups("blocks", first, stop, np.zeros(len(first), dtype=np.intp), (Stratum(),))
 
 
 def whole_rows(first: Array, stop: Array) -> list[slice]:

@@ -336,9 +336,9 @@ def sums_of(record: Record, expected: Stiffness | None = None, width: float = SI
     """The sums of the models' columns and of all effects in a coarse record. `expected` is the
     linear model's dynamic stiffness, if the gains are known; `width` that of the velocity [rad/s]
     over which friction `T_C` changes its sign."""
-    few = record.coarse
-    columns = columns_of(few)
-    higher = seven_point_motion(columns["alpha"], few.rate_hz)
+    coarse = record.coarse
+    columns = columns_of(coarse)
+    higher = seven_point_motion(columns["alpha"], coarse.rate_hz)
     columns["jerk"] = higher.omega
     columns["snap"] = higher.alpha
     low_pass = record.settings.low_pass
@@ -348,14 +348,14 @@ def sums_of(record: Record, expected: Stiffness | None = None, width: float = SI
         # the sign of a slower signal changes at other times
         swift = replace(low_pass, cutoff_hz=min(2 * highest_hz, HIGHEST_CUTOFF * record.rate_hz))
         omega = np.gradient(swift(record.theta, record.rate_hz), 1 / record.rate_hz)
-    step = round(record.rate_hz / few.rate_hz)
+    step = round(record.rate_hz / coarse.rate_hz)
     # at the recorded rate, at which the sign changes within fewer rows
     columns["T_C"] = friction_column(omega, record, width)[::step]
     if expected is not None:
         columns["linear"] = linear_torque(
-            expected, columns["theta"], few.rate_hz, 3 * low_pass.cutoff_hz
+            expected, columns["theta"], coarse.rate_hz, 3 * low_pass.cutoff_hz
         )
-    return gram_sums(few, columns, record.angle_noise)
+    return gram_sums(coarse, columns, record.angle_noise)
 
 
 def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearFit:

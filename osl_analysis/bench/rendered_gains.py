@@ -122,8 +122,8 @@ def rendered_gains(
     # of slow motion Eq. 15 has K_d; of a belt that does not yield, its B
     K_1 = float(stiffness_gain(K, p))
     B_1 = analysis.whole["B"] / p.n_T**2
-    few = analysis.record.coarse
-    leg = Leg(few, p, K_1, max(B_1, 0.0), of_device.loop_delay or 0.0, CONTROLLER[:2])
+    coarse = analysis.record.coarse
+    leg = Leg(coarse, p, K_1, max(B_1, 0.0), of_device.loop_delay or 0.0, CONTROLLER[:2])
     found = converged(leg)
     # from there, since another start may lead to a late spring that damps
     told = found and converged(replace(found[0], fitted=CONTROLLER))

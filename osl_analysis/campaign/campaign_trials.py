@@ -24,7 +24,7 @@ import polars as pl
 from osl_analysis.base.errors import InputError, OslAnalysisError, naming
 from osl_analysis.base.files import DISTRIBUTION, PACKAGE, ROOT, digest, shipped
 from osl_analysis.base.table import MEASURED, SIMULATED
-from osl_analysis.base.trial import metadata_of, stretches
+from osl_analysis.base.trial import metadata_of, parsed_windows
 from osl_analysis.base.yaml_settings import check_known, read_mapping
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -370,7 +370,7 @@ def check_campaign(campaign: Campaign) -> None:
 def check_not_used_twice(trial: str, row: Mapping[str, Any], used: list[UsedPart]) -> None:
     """Refuse a log of which another trial uses the same part; adds the parts of this trial to the
     `used` ones."""
-    for start, stop in stretches(row["windows"] or WHOLE_RECORDING):
+    for start, stop in parsed_windows(row["windows"] or WHOLE_RECORDING):
         for used_start, used_stop, other in used:
             if min(stop, used_stop) > max(start, used_start):
                 raise InputError(

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 
 from osl_analysis.base.errors import InputError, nearest, on_one_line
 from osl_analysis.base.table import QUOTED
-from osl_analysis.base.trial import stretches
+from osl_analysis.base.trial import parsed_windows
 from osl_analysis.base.yaml_settings import (
     NotNegative,
     Positive,
@@ -87,7 +87,7 @@ def check_reason(text: str) -> str:
     return on_one_line(text)
 
 
-Windows = Annotated[str, AfterValidator(lambda text: stretches(text) and text)]
+Windows = Annotated[str, AfterValidator(lambda text: parsed_windows(text) and text)]
 Controller = Annotated[
     str, AfterValidator(partial(check_not_misspelt, CONTROLLERS, SIMILAR_CONTROLLER))
 ]

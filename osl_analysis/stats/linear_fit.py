@@ -273,7 +273,7 @@ def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array
 
 
 def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
-    """Sum the products of columns over stretches that may begin and end between two rows.
+    """Sum the products of columns over groups of rows that may begin and end between two rows.
 
     A fraction of a row is read from the cubic through the four cumulative sums around it, so that
     all cycles of a fractional period have equal sums. Beyond the ends there is nothing to sum.
@@ -285,7 +285,7 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     Y : Array (n, q)
         Further columns.
     first, stop : Array (m,)
-        Rows at which the m stretches begin and end.
+        Rows at which the m groups begin and end.
 
     Returns
     -------

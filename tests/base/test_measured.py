@@ -10,7 +10,7 @@ from c3d_builder import FACE
 from conftest import refused_with, white_noise
 
 from osl_analysis.base.measured import check_measured, noise_of, varies, visible_step
-from osl_analysis.base.trial import stretches, unit_of
+from osl_analysis.base.trial import parsed_windows, unit_of
 from osl_analysis.base.units import known_factor
 from osl_analysis.ingest.force_plates import beside, own_axes, plate_axes
 from osl_analysis.stats.rounding import significant
@@ -116,7 +116,7 @@ def test_points_are_outside_a_plate_in_laboratory_axes_and_at_any_height():
 
 
 def test_windows_are_from_to_pairs():
-    assert stretches("2-30  40.5-62") == [(2.0, 30.0), (40.5, 62.0)]
+    assert parsed_windows("2-30  40.5-62") == [(2.0, 30.0), (40.5, 62.0)]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_windows_are_from_to_pairs():
 )
 def test_windows_of_another_form_that_overlap_or_go_back_are_refused(text):
     with refused_with(rf"'{text}'.*2-30 40-62"):
-        stretches(text)
+        parsed_windows(text)
 
 
 def test_a_column_of_a_family_has_the_family_s_unit():

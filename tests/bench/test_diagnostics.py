@@ -177,7 +177,7 @@ def test_an_early_theta_m_is_no_late_torque_where_b_j_is_not_known(tmp_path):
 
 def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     """exp(-s/100) (300 + 5 s + 0.2 s^2) = 300 + 2 s + 0.165 s^2 to second order."""
-    numbers = (np.array([0.01]), np.array([[2.5e-9]]), 100.0, "units", np.array([9.0]))
+    numbers = (np.array([0.01]), np.array([[2.5e-9]]), 100.0, "blocks", np.array([9.0]))
     lag = LinearFit(("lag_s",), *numbers)
 
     analysis = SimpleNamespace(whole={"K": 300.0, "B": 2.0})

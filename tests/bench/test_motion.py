@@ -300,7 +300,7 @@ def test_rounding_of_a_small_stepped_sine_is_in_the_interval_of_K():
     assert sum(held) >= 20
 
 
-def test_two_sines_of_one_settled_cycle_are_fitted_in_stretches():
+def test_two_sines_of_one_settled_cycle_are_fitted_in_blocks():
     """As cycles, two of five estimates' residuals are 0: K was held in one of seven."""
     parts = [np.pad(unit_sines([(hz, 4)], RATE), 60) for hz in (1, 4)]
     motion = smoothed(np.deg2rad(4) * np.pad(np.concatenate(parts), int(RATE)), 0.01)

@@ -110,10 +110,9 @@ class Analysis:
         if not is_stated and settings.bench_stiffness is None:
             return own
         rows = record.is_fitted(label)
-        motion = record.motion
         columns = dict(self.sums.columns)
         if "T_C" in own.names:
-            columns["T_C"] = friction_column(motion.omega, record)
+            columns["T_C"] = friction_column(record.motion.omega, record)
         of_estimates = [self.model.get(name, name) for name in own.names]
         sizes = own.estimates
         X = np.column_stack([columns[column] for column in of_estimates])
@@ -243,8 +242,10 @@ def bench_torques(
     ]
     if fixture is not None:
         sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
-        torques.append(("fixture", fixture.inertia_error * motion.alpha))
-        torques.append(("fixture", fixture.weight_error * sine))
+        torques += [
+            ("fixture", fixture.inertia_error * motion.alpha),
+            ("fixture", fixture.weight_error * sine),
+        ]
     if bench is not None:
         # a frame that yields more turns the joint by so much less
         torques.append(("bench_stiffness", passed(bench.compliance_error * record.filtered_torque)))

@@ -230,5 +230,5 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
         lag = replace(lag, covariance=np.maximum(lag.covariance - BELT_ERROR**2, 0.0))
         lag = lag.with_known_error("belt_error", np.array([BELT_ERROR]))
         lag = lag.with_known_error("theta_m_delay", np.array([theta_m_error]))
-        belt = replace(belt, lag=lag)
+        return replace(belt, lag=lag)
     return belt

@@ -41,6 +41,7 @@ LARGEST_DELAY_S = 0.03
 LAG_S = (3e-4, 0.05)
 # Spring in series with the joint [rad/(N*m)]; a frame of 100 kN*m/rad to a belt of 250 N*m/rad
 COMPLIANCE = (1e-5, 4e-3)
+SPRING_STEPS = 4  # of Gauss-Newton, to K, B and I behind this spring
 # Relaxation of a viscoelastic branch [s]; faster than the band it is a damper, slower a spring
 BRANCH_S = (5e-3, 0.5)
 # Backlash [rad]; 0.03 to 1.1 deg
@@ -235,7 +236,7 @@ def behind_spring(search: Search, compliance: float) -> Terms:
     data = search.data
     spectra = data.spectra
     impedance = search.impedance
-    for _ in range(4):
+    for _ in range(SPRING_STEPS):
         of_joint = impedance @ spectra.powers[:3]
         gain = 1 / (1 + compliance * of_joint)
         columns = data.column(spectra.derivatives[:3] * gain**2)

@@ -148,7 +148,7 @@ def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
     outweigh it. The differences of the times are fitted, so that large times lose no digits."""
     difference = second - first
     used = np.ones(first.size, dtype=bool)
-    for _ in range(10):
+    for _ in range(LIMITS.outlier_rounds):
         centre, level = first[used].mean(), difference[used].mean()
         information = ((first[used] - centre) ** 2).sum() + (noise / LIMITS.usual_drift) ** 2
         drift = ((first[used] - centre) * (difference[used] - level)).sum() / information

@@ -32,6 +32,8 @@ from osl_analysis.walking.isolated_response import (
 )
 
 ENSEMBLE = "ensemble"
+# of a curve that determines a coefficient alone, whose share is 0
+FREE_SHARE_ROUNDING = 1e-9
 
 PREDICTOR_SETS: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR)
 
@@ -122,8 +124,7 @@ def best_predictors(
     for predictors in choices:
         X = regressors(mean.behaviour, predictors)
         hat = X @ np.linalg.pinv(X)
-        # 0 for a curve that determines a coefficient alone
-        free_share = np.maximum(1 - np.diag(hat), 1e-9)
+        free_share = np.maximum(1 - np.diag(hat), FREE_SHARE_ROUNDING)
         predicted = (curves - hat @ curves) / free_share[:, None]
         errors[predictors] = np.sum(predicted**2)
     return min(errors, key=errors.__getitem__)

@@ -147,7 +147,7 @@ class WhatElse:
     belt: Belt  # of a leg
     joint: ImpedanceInference | None  # of a joint: the candidate models; None: not weighed
     friction: DryFriction
-    ranges: Mapping[str, tuple[float, float]]  # of estimates over amplitudes and frequencies
+    ranges: Mapping[str, tuple[float, float]]  # of estimates over amplitudes and parts of the band
     gains_are_known: bool  # and tell a wrong gain of torque over angle
 
 

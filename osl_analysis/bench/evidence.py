@@ -243,8 +243,8 @@ def what_else(
 
 
 def ranges_over_motion(analysis: Analysis, friction: DryFriction) -> dict[str, tuple[float, float]]:
-    """The range of each estimate over amplitudes and frequencies, with friction and without it,
-    where this is certain."""
+    """The range of each estimate over amplitudes and parts of the band, with friction and without
+    it, where this is certain."""
     parts = list(parts_of(analysis.record, friction.sums))
     ranges = range_over(parts, *analysis.fits.values())
     if friction.without:

@@ -195,13 +195,13 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
 
 
 def estimate_line(row: Mapping[str, Any], name: str) -> str:
-    """One estimate with its interval, and its range over amplitudes and frequencies."""
+    """One estimate with its interval, and its range over amplitudes and parts of the band."""
     line = f"  {name:<18} {estimate_text(row, name):<30} {printed_units().get(name, '')}"
     lowest = row.get(f"{name}_range_low")
     if lowest is not None:
         places = decimal_places(row[name], row[f"{name}_low"], row[f"{name}_high"])
         ends = " to ".join(to_places(places, lowest, row[f"{name}_range_high"]))
-        line += f", {ends} over amplitudes and frequencies"
+        line += f", {ends} over amplitudes and parts of the band"
     return line
 
 

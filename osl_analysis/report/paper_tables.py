@@ -33,12 +33,14 @@ SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "
 """What each estimator of a group subtracts from the perturbed crossings."""
 DAGGER = (
     "†: doubtful. Numbers are of the trials that are not doubtful; a condition whose trials are all"
-    " doubtful has none. The number of a group of crossings is of all of its crossings"
+    " doubtful has none. The number of a group of crossings is of all of its crossings. ±: 95 %"
+    " interval, on a bench of the same motion again: impedance.csv has the range over amplitudes"
+    " and parts of the band"
 )
 WIDTHS = (
     "repeatability, sensor, bench, all: half of the 95 % interval of one trial, by part and by all"
-    " of them; range: half of the range over amplitudes and frequencies; each the median over n"
-    " trials; `bench` has friction's shape. mean of n: half of the 95 % interval of their mean,"
+    " of them; range: half of the range over amplitudes and parts of the band; each the median"
+    " over n trials; `bench` has friction's shape. mean of n: half of the 95 % interval of their mean,"
     " with the scatter between trials, or with their own errors where these are larger"
 )
 
@@ -105,8 +107,8 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
 
 
 def range_text(fits: pl.DataFrame, symbol: str) -> str:
-    """The range of an estimate over amplitudes and frequencies, in all of these fits, rounded by
-    itself; empty without one."""
+    """The range of an estimate over amplitudes and parts of the band, in all of these fits, rounded
+    by itself; empty without one."""
     ends = [f"{symbol}_range_low", f"{symbol}_range_high"]
     if not {*ends} <= {*fits.columns}:
         return ""

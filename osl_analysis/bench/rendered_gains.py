@@ -15,8 +15,8 @@ Linear theory has no friction, so Coulomb friction of the joint is fitted beside
 actuator, whose velocity is that of the joint times (K_s/n_T)/N, through which its torque acts, too.
 Friction that sticks, grows with the load or is cancelled late is no Coulomb friction, and the gains
 are the same in every motion. Half of their range over amplitudes and parts of the band, with
-friction and without, is therefore an error of the theory, and in the intervals: unlike K of Eq. 15, gains have
-no other value at another amplitude. What friction that sticks at rest does alike at all of them
+friction and without, is therefore an error of the theory, and in the intervals: unlike K of Eq. 15,
+gains have no other value at another amplitude. What friction that sticks at rest does alike at all of them
 shows in the torque that is left, of which `SHAPE_SHARE` may pass for a gain: that is in the
 intervals, too. A motion that does not tell friction from damping tells no gains.
 
@@ -294,8 +294,8 @@ def contributions_of_friction(
 ) -> dict[str, list[Contribution]]:
     """What friction that is no Coulomb friction may make of what the gains render: half of the
     ranges over amplitudes and parts of the band, and with Coulomb friction of both, of the joint
-    alone and of neither; and what it does alike at all of them. Of the torque that the slopes X (n, p)
-    leave of the `residual` (n,) a share may act as any one of them does, by a rectangular
+    alone and of neither; and what it does alike at all of them. Of the torque that the slopes X
+    (n, p) leave of the `residual` (n,) a share may act as any one of them does, by a rectangular
     distribution (JCGM 100:2008, 4.3.7)."""
     of_joint = with_effects(leg.sums, leg.linear_model, "T_C")
     legs = [leg, linear, leg.moved_by(of_joint)]

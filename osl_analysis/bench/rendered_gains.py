@@ -16,8 +16,8 @@ actuator, whose velocity is that of the joint times (K_s/n_T)/N, through which i
 Friction that sticks, grows with the load or is cancelled late is no Coulomb friction, and the gains
 are the same in every motion. Half of their range over amplitudes and parts of the band, with
 friction and without, is therefore an error of the theory, and in the intervals: unlike K of Eq. 15,
-gains have no other value at another amplitude. What friction that sticks at rest does alike at all of them
-shows in the torque that is left, of which `SHAPE_SHARE` may pass for a gain: that is in the
+gains have no other value at another amplitude. What friction that sticks at rest does alike at all
+of them shows in the torque that is left, of which `SHAPE_SHARE` may pass for a gain: that is in the
 intervals, too. A motion that does not tell friction from damping tells no gains.
 
 A delay that is stated wrongly acts like an inertia of the actuator, and moves K_d: by up to 2 % for

@@ -16,6 +16,7 @@ import closed_form
 import generator
 import laboratory
 import matplotlib.pyplot as plt
+import numpy as np
 import polars as pl
 import recordings
 from matplotlib.lines import Line2D
@@ -207,7 +208,7 @@ def figure(scores, worst):
             own = worst.filter((col("group") == case) & (col("method") == name))
             doubted = (own["doubtful"].fill_null("") != "").to_numpy()
             x = own["worst"].clip(1.2e-3, 8e2).to_numpy()
-            y = level + 0.5 * ((own["seed"].to_numpy() - 2) / 4)
+            y = level + np.linspace(-0.35, 0.35, len(x))
             axis.plot(x[doubted], y[doubted], "o", mfc="none", mec="C0", ms=4.5)
             axis.plot(x[~doubted], y[~doubted], "x", color="C3", ms=4.5)
     marks = {

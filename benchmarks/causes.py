@@ -285,29 +285,39 @@ def by_motion(rows: pl.DataFrame) -> str:
 
 
 def sound_table(rows: pl.DataFrame) -> str:
-    """A row per kind of sound recording with something wrong: how many are accused of what they do
-    not have, refused, or off without a doubt. A row for all others, and for all."""
-    lines: list[tuple[object, ...]] = []
-    others: list[str] = []
-    total = Counter[str]()
+    """How many sound recordings are accused of what they do not have, refused, or off without a
+    doubt: a row for the kinds that have the same wrong, and for all."""
+    alike: dict[tuple[str, bool, bool], list[pl.DataFrame]] = {}
     for (cause,), mine in rows.group_by("cause", maintain_order=True):
-        if cause not in {one.name for one in SOUND}:
-            continue
-        refused = count_of(mine, "refused")
-        accused = count_of(mine, "other")
-        off = count_of(mine, "silent") + count_of(mine, "not checked")
-        total.update(n=len(mine), accused=accused, refused=refused, off=off)
-        name = str(cause).removeprefix("sound, ")
-        if accused or refused or off:
-            wrongly = mine.filter(pl.col("outcome") == "other")
-            lines.append((name, len(mine), accused, named_in(wrongly), refused, off))
-        else:
-            total["clear"] += len(mine)
-            others.append(name)
-    lines.append(("; ".join(others), total["clear"], 0, "–", 0, 0))
-    lines.append(("all", total["n"], total["accused"], "", total["refused"], total["off"]))
+        if cause in {one.name for one in SOUND}:
+            wrongly = named_in(mine.filter(pl.col("outcome") == "other"))
+            causes = "".join(letter for letter in wrongly if not letter.isdigit())
+            wrong = causes, count_of(mine, "refused") > 0, off_of(mine) > 0
+            alike.setdefault(wrong, []).append(mine)
+    lines = [sound_row(pl.concat(kinds)) for kinds in alike.values()]
+    every = sound_row(pl.concat([mine for kinds in alike.values() for mine in kinds]))
+    lines.append(("all", *every[1:]))
     return markdown(
         ("sound recording", "n", "accused", "of", "refused", "off, nothing said"), lines
+    )
+
+
+def off_of(rows: pl.DataFrame) -> int:
+    """How many are off, and not doubted."""
+    return count_of(rows, "silent") + count_of(rows, "not checked")
+
+
+def sound_row(rows: pl.DataFrame) -> tuple[object, ...]:
+    """Kinds of sound recordings, and what is wrong with them."""
+    names = [name.removeprefix("sound, ") for name in rows["cause"].unique(maintain_order=True)]
+    accused = rows.filter(pl.col("outcome") == "other")
+    return (
+        "; ".join(names),
+        len(rows),
+        len(accused),
+        named_in(accused),
+        count_of(rows, "refused"),
+        off_of(rows),
     )
 
 

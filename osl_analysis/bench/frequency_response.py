@@ -226,6 +226,8 @@ def responses_of_windows(analysis: Analysis, at_hz: float | None) -> list[Respon
     if at_hz and not record.periodic and record.band_hz[0] <= at_hz <= highest_hz:
         frequency_hz = np.append(at_hz, frequency_hz)
 
+    if not starts.size or not frequency_hz.size:  # shorter than a window, or slower than its lines
+        return []
     *_, power, moving_hz = moving_at(frequency_hz, windows, record, at_hz)
     moving_hz = moving_hz[power > LEAST_POWER * power.max()]
     theta, left, _, frequency_hz = moving_at(moving_hz, windows, record, at_hz)

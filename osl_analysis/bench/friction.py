@@ -74,7 +74,7 @@ class DryFriction:
     is_untold: bool = False
 
 
-def coulomb_fit(s: Sums, analysis: Analysis, is_certain: bool | None = None) -> DryFriction:
+def coulomb_fit(s: Sums, analysis: Analysis) -> DryFriction:
     """Fit the model to the torque of all of a trial less its Coulomb friction.
 
     A joint that mostly rests moves by steps between a few levels: each has the same speeds, at
@@ -90,8 +90,6 @@ def coulomb_fit(s: Sums, analysis: Analysis, is_certain: bool | None = None) -> 
         The sums of the record with all effects.
     analysis : Analysis
         The model's fits, one of whose columns is the velocity.
-    is_certain : bool, optional
-        Whether the trial has friction, where that is known; by default this fit decides.
 
     Returns
     -------
@@ -104,7 +102,7 @@ def coulomb_fit(s: Sums, analysis: Analysis, is_certain: bool | None = None) -> 
     model = analysis.model
     try:
         smooth = friction_beside(s, model)
-        if is_certain is False or not smooth.certain("T_C") or smooth["T_C"] <= 0:
+        if not smooth.certain("T_C") or smooth["T_C"] <= 0:
             return DryFriction(s)
         fit = without_friction(s, model, smooth)
         sharp = sums_of(analysis.record, width=SHARP_WIDTH)
@@ -193,9 +191,11 @@ def friction_of_leg(
     """Dry friction of a leg: that of its `actuator`, behind the belt, where the recording tells how
     this moves without friction; else that of a joint, if there is theta_m."""
     if actuator is None:
+        friction = coulomb_fit(s, analysis)
+        if "theta_m" in analysis.record.actuator:
+            return friction
         # without theta_m the drivetrain passes for friction of the joint
-        is_certain = None if "theta_m" in analysis.record.actuator else False
-        return coulomb_fit(s, analysis, is_certain)
+        return DryFriction(s, is_untold=friction.is_untold)
     if actuator.friction_probability > CERTAIN_FRICTION:
         return frictionless_leg(analysis, actuator)
     return DryFriction(s)
@@ -255,12 +255,13 @@ def inferred_of_joint(record: Record) -> ImpedanceInference | None:
 def friction_of_joint(s: Sums, analysis: Analysis, joint: ImpedanceInference | None) -> DryFriction:
     """Dry friction of a joint: where the inference is certain of it, or, without an inference, the
     Coulomb column itself."""
+    friction = coulomb_fit(s, analysis)
     if joint is None:
-        return coulomb_fit(s, analysis)
-    friction = coulomb_fit(s, analysis, joint.friction_probability > CERTAIN_FRICTION)
-    if friction.without:
+        return friction
+    if friction.without and joint.friction_probability > CERTAIN_FRICTION:
         return replace(friction, without=with_other_shapes(friction.without, joint))
-    return replace(friction, is_untold=friction.is_untold or passes_for_damping(s, analysis))
+    is_untold = friction.is_untold or passes_for_damping(s, analysis)
+    return DryFriction(s, is_untold=is_untold)
 
 
 def with_other_shapes(fit: LinearFit, joint: ImpedanceInference) -> LinearFit:

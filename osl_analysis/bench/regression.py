@@ -190,11 +190,9 @@ def gram_sums(
     what is slower than it, and without that noise. Columns and torque of each run of rows pass the
     same filter: where nothing repeats a high-pass whose corner is the lowest frequency of the
     motion, else they lose their running mean over a period, which is the same all along what
-    repeats: it takes off no part of what Eq. 15 misses. Each part of a period that is repeated
-    counts once, however often it was recorded: K, B and I of a leg are those of whole periods.
-    Noise of the angle lengthens the columns: its part of the products, by the lines of
-    `Record.angle_noise`, is taken off (errors in variables; Fuller, Measurement Error Models,
-    1987).
+    repeats: it takes off no part of what Eq. 15 misses. Noise of the angle lengthens the columns:
+    its part of the products, by the lines of `Record.angle_noise`, is taken off (errors in
+    variables; Fuller, Measurement Error Models, 1987).
 
     Raises
     ------
@@ -283,28 +281,23 @@ def fitted_products(
     names: Sequence[str], signals: Array, record: Record, angle_noise: Array
 ) -> tuple[Array, Array]:
     """Products (m, q, q) of signals (q, n) in each group, and what noise of the angle makes of
-    those of a row (q, q), which is taken off. Each part of a period counts once.
+    those of a row (q, q), which is taken off.
 
-    The n-th derivative has the spectrum (i w)^n of the noise, so that those of orders n and m have
-    the product w^(n + m) cos((n - m) pi/2), times the square of the filter's gain.
+    The n-th derivative has the spectrum (i w)^n of the noise, times the filter's gain.
     """
     groups = record.groups
     f, power = angle_noise
     gain = record.settings.low_pass.gain(f)
     if not groups.repeat().any():
         gain *= high_pass_gain(f, record.band_hz[0])
-    order = np.array([DERIVATIVES.index(name) for name in names if name in DERIVATIVES])
-    of_angle = (2 * np.pi * f) ** order[:, None]
-    of_orders = (of_angle * (power * gain**2)) @ of_angle.T
-    of_orders *= np.rint(np.cos(np.pi / 2 * (order - order[:, None])))
-    noise = np.zeros((len(names), len(names)))
-    is_of_angle = np.isin(names, DERIVATIVES)
-    noise[np.ix_(is_of_angle, is_of_angle)] = of_orders
+    s = 2j * np.pi * f
+    of_angle = np.array(
+        [s ** DERIVATIVES.index(name) if name in DERIVATIVES else 0 * s for name in names]
+    )
+    noise = ((of_angle * (power * gain**2)) @ of_angle.conj().T).real
 
     products = products_between(signals.T, signals.T, groups.first, groups.stop)
     products -= (groups.stop - groups.first)[:, None, None] * noise
-    if groups.kind == "periods":
-        products /= np.bincount(groups.stratum)[groups.stratum][:, None, None]
     return products, noise
 
 
@@ -359,7 +352,9 @@ def sums_of(record: Record, expected: Stiffness | None = None, width: float = SI
 
 
 def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearFit:
-    """Fit the torque by least squares (Eq. 15), with the interval of the same motion again.
+    """Fit the torque by least squares (Eq. 15), with the interval of the same motion again. Each
+    part of a period counts once, however often it was recorded: K, B and I of a leg are those of
+    whole periods.
 
     Parameters
     ----------
@@ -378,6 +373,10 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
     # estimates: normal equations A x = b of all groups g together
     columns = list(model.values())
     products = s.products(s.weighted, [*columns, "torque", "raw torque"])
+    share = np.ones((len(products), 1, 1))
+    if s.groups.kind == "periods":  # each part of the period counts once
+        share /= np.bincount(s.groups.stratum)[s.groups.stratum][:, None, None]
+    products *= share
     A_g = products[:, :-2, :-2]
     b_g = products[:, :-2, -2]
     A = A_g.sum(axis=0)
@@ -394,8 +393,9 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
         covariance, freedom = between_cycles(noise_g[repeat], s.groups.stratum[repeat])
         # a group that repeats no other, as the one settled cycle of a sine, is taken to scatter as
         # the others do: by its share in what white noise of the torque does to each estimate
-        of_repeats = inverse @ A_g[repeat].sum(axis=0) @ inverse
-        more = np.sqrt(np.diag(inverse @ A @ inverse) / np.diag(of_repeats))
+        noise = share * A_g  # what counts by 1/m scatters by 1/m^2
+        of_repeats = inverse @ noise[repeat].sum(axis=0) @ inverse
+        more = np.sqrt(np.diag(inverse @ noise.sum(axis=0) @ inverse) / np.diag(of_repeats))
         covariance *= np.outer(more, more)
     else:
         covariance, freedom = left_out(A, b, A_g, b_g)

@@ -34,8 +34,8 @@ SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "
 DAGGER = (
     "†: doubtful. Numbers are of the trials that are not doubtful; a condition whose trials are all"
     " doubtful has none. The number of a group of crossings is of all of its crossings. ±: 95 %"
-    " interval, on a bench of the same motion again: impedance.csv has the range over amplitudes"
-    " and parts of the band"
+    " interval; of one trial that of the same motion again, whose range over amplitudes and parts"
+    " of the band is in impedance.csv; of several, of components and of crossings that of the mean"
 )
 WIDTHS = (
     "repeatability, sensor, bench, all: half of the 95 % interval of one trial, by part and by all"

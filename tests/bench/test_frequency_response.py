@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frequency response of a joint: of sines by their cycles, of any other motion by windows."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -129,6 +131,15 @@ def test_sines_half_a_hertz_apart_are_each_told_within_their_intervals():
     share = share_held(lambda rng: sines(rng, [0.39, 0.89, 1.65, 2.48, 3.8], duration=60.0), 0.02)
 
     assert 0.9 < share < 0.99
+
+
+def test_a_motion_slower_than_the_lines_or_shorter_than_a_window_has_none():
+    rng = np.random.default_rng(1)
+    for record in (
+        replace(recorded(rng, chirp(rng)[1]), band_hz=(0.1, 0.4)),
+        recorded(rng, chirp(rng, duration=2.5)[1]),
+    ):
+        assert table_of_record(record).is_empty()
 
 
 def test_stiffness_and_damping_stand_at_a_stated_frequency():

@@ -61,13 +61,15 @@ def test_what_does_not_repeat_itself_is_left_out_one_at_a_time():
     assert fit.interval_method == "blocks"
 
 
-@pytest.mark.parametrize("single", [False, True])
-def test_what_repeats_itself_has_the_spread_of_its_noise_alone(single):
+@pytest.mark.parametrize(
+    ("kind", "strata"),
+    [("cycles", [5] * 4), ("cycles", [5, 5, *[1] * 10]), ("periods", [5, 5, 5, 1, 1, 1])],
+)
+def test_what_repeats_itself_has_the_spread_of_its_noise_alone(kind, strata):
     """What differs between strata alone is lack of fit. A group alone scatters as the others do."""
-    strata = [5, 5, *[1] * 10] if single else [5, 5, 5, 5]
     stratum = np.repeat(np.arange(len(strata)), strata)
     first = 10.0 * np.arange(len(stratum))
-    groups = Groups("cycles", first, first + 10, stratum, (Stratum(frequency_hz=1.0),) * 12)
+    groups = Groups(kind, first, first + 10, stratum, (Stratum(frequency_hz=1.0),) * 12)
     found = []
     standard_errors = []
     for seed in range(300):
@@ -80,7 +82,6 @@ def test_what_repeats_itself_has_the_spread_of_its_noise_alone(single):
         standard_errors.append(fit.se("K"))
 
     assert np.sqrt(np.mean(np.square(standard_errors))) == pytest.approx(np.std(found), rel=0.13)
-    assert fit.interval_method == "repeats"
 
 
 def test_odd_and_even_cycles_agree_within_intervals_that_no_edge_widens():

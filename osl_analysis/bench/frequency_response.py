@@ -153,9 +153,10 @@ def response_to_sine(analysis: Analysis, number: int) -> Response:
     is_of_sine = groups.stratum == number
     first = groups.first[is_of_sine]
     stop = groups.stop[is_of_sine]
-    turn = np.exp(-2j * np.pi * frequency_hz * record.time[:, None])
-    signals = np.column_stack([record.theta, record.torque - drift])
-    sums = products_between(turn, signals, first, stop)
+    rows = slice(int(first.min()), int(np.ceil(stop.max())))
+    turn = np.exp(-2j * np.pi * frequency_hz * record.time[rows, None])
+    signals = np.column_stack([record.theta, record.torque - drift])[rows]
+    sums = products_between(turn, signals, first - rows.start, stop - rows.start)
     theta, torque = (sums[:, 0] / (stop - first)[:, None]).T
     return response_of_pieces(frequency_hz, theta, torque, np.arange(len(first)))
 

@@ -403,10 +403,8 @@ def parts_of(record: Record, sums: Sums) -> Iterator[Sums]:
         return
     rows = groups.stop - groups.first
     if len(rows) >= FEWEST_BLOCKS:
-        products = sums.products(sums.gram, ["theta", "one"])
-        mean = products[:, 0, 1] / rows
-        variance = products[:, 0, 0] / rows - mean**2
-        is_large = variance > np.median(variance)
+        mean_square = sums.products(sums.weighted, ["theta"])[:, 0, 0] / rows
+        is_large = mean_square > np.median(mean_square)
         yield from (sums.chosen(~is_large), sums.chosen(is_large))
     low_hz, high_hz = record.band_hz
     yield from parts_of_band(record, sums, np.sqrt(low_hz * high_hz))

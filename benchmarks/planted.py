@@ -84,7 +84,8 @@ def chirp(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
     """0.4 to 7 Hz, smaller as it becomes faster."""
     t = np.arange(round(seconds * RATE)) / RATE
     f = 0.4 + 6.6 * (t / seconds) ** 1.5
-    fade = np.minimum(1, np.minimum(t, seconds - t))
+    # a fade without a corner, at which the velocity and with it the torque would leap
+    fade = np.sin(np.pi / 2 * np.minimum(1, np.minimum(t, seconds - t))) ** 2
     return smooth(
         5 * DEG * fade * np.sin(2 * np.pi * np.cumsum(f) / RATE) / np.sqrt(1 + (f / 2.5) ** 2)
     )

@@ -271,8 +271,9 @@ def high_pass_gain(frequency: Array, slow: float) -> Array:
     rises: with the fourth power below `slow`.
 
     With 1, 1/2 and 1/4 of a motion's lowest frequency a lean leaves intervals of 0.3, 0.4 and 0.5 %
-    of K (benchmarks/interval_coverage.py, seeds from 100), and a hardening spring errors of 0.40,
-    0.34 and 0.31 of what benchmarks/peers calls off (seeds from 11): so it is 1.
+    of K (benchmarks/interval_coverage.py, seeds from 100), and a hardening spring errors of 0.35,
+    0.19 and 0.14 of what benchmarks/peers calls off (24 seeds): a person leans on most benches, so
+    it is 1.
     """
     return (1 + (slow / frequency) ** 4) ** -0.5
 

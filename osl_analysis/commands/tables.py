@@ -377,7 +377,7 @@ def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
         return ""
     columns = {column for name in of_bench for column in tables[name].columns}
     if any(column.endswith("_se_bench") for column in columns):
-        return "Of the bench's errors, intervals contain only those that are stated."
+        return "Of the bench's calibration, intervals contain only what is stated."
     return "Intervals on the bench have no errors that all trials share."
 
 

@@ -112,7 +112,7 @@ def test_friction_is_told_of_a_clear_trial_and_counted():
     counts = verdict_counts(SHEET, worded(REMARK), {})
 
     assert (view(REMARK)["verdict"], view(REMARK)["why"]) == ("clear", "friction")
-    assert re.search("2 .*none doubtful.*1 by friction", verdicts_sentence(*counts))
+    assert re.search("2 .*none doubtful.*friction in 1", verdicts_sentence(*counts))
 
 
 def test_a_trial_has_a_row_of_estimates_per_fit_with_intervals_and_units():

@@ -542,7 +542,7 @@ CAUSES = [
         (
             "backlash",
             "backlash, speed or direction",
-            "K that changes with amplitude",
+            "K that changes with amplitude beyond friction",
             *FRICTION,
         ),
         "rad",
@@ -567,14 +567,14 @@ CAUSES = [
         "hardening spring",
         hardening_spring,
         2200.0,
-        ("K that changes with amplitude",),
+        ("K that changes with amplitude beyond friction",),
         "N*m/rad^3",
     ),
     Cause(
         "hardening spring, slow noise",
         hardening_spring,
         2200.0,
-        ("K that changes with amplitude",),
+        ("K that changes with amplitude beyond friction",),
         "N*m/rad^3",
         recorder=SLOW,
     ),
@@ -582,7 +582,7 @@ CAUSES = [
         "clipped torque",
         clipped,
         0.3,
-        ("clipped signal", "K that changes with amplitude"),
+        ("clipped signal", "K that changes with amplitude beyond friction"),
         "of the range",
     ),
     Cause(
@@ -596,7 +596,7 @@ CAUSES = [
         "K by direction",
         stiffness_by_direction,
         0.3,
-        ("backlash, speed or direction", "K that changes with amplitude"),
+        ("backlash, speed or direction", "K that changes with amplitude beyond friction"),
         "of K",
     ),
     Cause(

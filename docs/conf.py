@@ -15,7 +15,7 @@ from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.report.typography import markdown_table
 
 project = "osl-impedance"
-author = copyright = "the osl-impedance developers"
+author = copyright = "The osl-impedance developers"
 release = metadata.version(project)
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click"]
 default_role = "code"  # what docstrings have in single backticks

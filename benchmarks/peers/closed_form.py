@@ -52,7 +52,7 @@ CASES = [
     Case(
         "hardening spring",
         "bursts",
-        "K that changes with amplitude",
+        "K that changes with amplitude beyond friction",
         hardening=0.15,
     ),
     Case("filtered torque", "bursts", "late torque", torque_filter_s=2e-3),

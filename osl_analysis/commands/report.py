@@ -300,9 +300,7 @@ def write_brief(
     if failures:
         accepted = "accepted: `failed_trials: accept` in the configuration"
         lines.append(accepted if failed_trials == "accept" else REMEDY_OF_RUN)
-    lines.append(
-        f"open {page} in a browser: every number with its 95 % interval (±), figure and trial"
-    )
+    lines.append(f"open {page} in a browser: numbers with their intervals, figures and trials")
     write_text(output, printable_lines("\n".join(filter(None, lines))) + "\n")
 
 

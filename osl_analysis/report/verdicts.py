@@ -167,12 +167,12 @@ def verdict_counts(
 
 
 def verdicts_sentence(counts: Mapping[str, int], results: Mapping[str, int]) -> str:
-    """`9 trials, 3 doubtful; the joint shows friction in 4.` A trial may have two causes."""
+    """`9 trials, 3 doubtful; what matters: friction in 4.` A trial may have two causes."""
     total = sum(counts.values())
     others = [f"{n} {verdict}" for verdict, n in counts.items() if n and verdict != CLEAR]
     text = ", ".join([f"{total} trial{'s' if total != 1 else ''}", *(others or ["none doubtful"])])
     causes = ", ".join(f"{cause} in {n}" for cause, n in results.items())
-    return f"{text}; the joint shows {causes}." if causes else f"{text}."
+    return f"{text}; what matters: {causes}." if causes else f"{text}."
 
 
 def changed_lines(summary: Mapping[str, Any]) -> list[str]:

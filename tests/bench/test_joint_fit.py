@@ -111,7 +111,7 @@ FAULTS = {
     "torque path": {"late": 3e-3},
     "change over time": {"more": lambda t, x, *_: -45 * (t > 0.6 * t[-1]) * x},
     "backlash, speed or direction": {"more": lambda t, x, v, a: 2 * np.abs(v)},
-    "K that changes with amplitude": {"more": lambda t, x, *_: 20000 * x**3},
+    "K that changes with amplitude beyond friction": {"more": lambda t, x, *_: 20000 * x**3},
 }
 
 
@@ -126,7 +126,9 @@ def test_a_fault_is_doubted_by_its_cause_and_a_property_of_the_joint_told(cause)
     told, doubted = (causes_of(tables, grade) for grade in (Grade.NOTES, Grade.DOUBTS))
     told = [each for each in told if each != "wide interval"]
 
-    assert (told if cause == "K that changes with amplitude" else doubted) == [cause]
+    assert (told if cause == "K that changes with amplitude beyond friction" else doubted) == [
+        cause
+    ]
     assert told + doubted == [cause]
 
 

@@ -4,8 +4,8 @@
 
 Run from the repository: `python benchmarks/study.py [trials] [campaigns] [recorded]`, 100, 80 and
 80 by default. Writes the table of the page. Each trial's name decides its noise. Jobs share all
-cores; a hundred trials take half an hour on two. What is simulated, and what the truth is, stands
-on the page.
+cores; 240, 60 and 120 take a quarter of an hour on two. What is simulated, and what the truth is,
+stands on the page.
 """
 
 import os

@@ -75,7 +75,7 @@ class Judged:
         """What a source would change, in words."""
         if by >= own_size(self.symbol, self.own.value):
             return f"{self.name} by an unknown size, larger than itself"
-        return f"{self.name} by up to {significant(by)} {self.unit}"
+        return f"{self.name} by {significant(by)} {self.unit}"
 
     def width(self, name: str, budget: Budget) -> str:
         """How wide its interval is, or that without friction, beside what is needed, in words."""
@@ -269,7 +269,7 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
         text += ", which this recording does not tell apart,"
     text += f" would change {', '.join(each.moved(each.verdict.size) for each in doubted)}"
     if left:
-        text += f". Torque that it leaves unexplained could change {', '.join(left)}"
+        text += f". Torque that it leaves unexplained could change at most {', '.join(left)}"
     return text
 
 

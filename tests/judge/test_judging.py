@@ -72,14 +72,13 @@ def test_a_doubt_names_its_models_sizes_and_what_they_leave():
     (beside,) = of_knee({"K": [*rows["K"], left]})
 
     text = (
-        "delay or low-pass, which this recording does not tell apart, would change"
-        " K by up to 10 N*m/rad"
+        "delay or low-pass, which this recording does not tell apart, would change K by 10 N*m/rad"
     )
     assert alone.size == text
     assert unbounded.size == "delay would change K by an unknown size, larger than itself"
     assert (
-        beside.size == f"{text}. Torque that it leaves unexplained could change"
-        " K by up to 4 N*m/rad"
+        beside.size == f"{text}. Torque that it leaves unexplained could change at most"
+        " K by 4 N*m/rad"
     )
 
 
@@ -88,9 +87,7 @@ def test_a_check_of_the_recording_names_the_cause_of_a_doubt_and_makes_none():
 
     (doubt,) = of_knee({"K": [fault(10.0)]}, faults=check)
 
-    size = (
-        "it or delay, which this recording does not tell apart, would change K by up to 10 N*m/rad"
-    )
+    size = "it or delay, which this recording does not tell apart, would change K by 10 N*m/rad"
     assert (doubt.name, doubt.size) == ("signal_jumps", size)
     assert of_knee({"K": [fault(0.1)]}, faults=check) == []
 
@@ -138,7 +135,7 @@ def test_what_another_motion_changes_is_a_remark_with_its_size():
     (remark,) = of_knee({"K": [stiffening]})
 
     assert (remark.grade, remark.is_result, remark.size) == (
-        Grade.NOTES, True, "K by up to 8 N*m/rad (over amplitudes)",
+        Grade.NOTES, True, "K by 8 N*m/rad (over amplitudes)",
     )  # fmt: skip
 
 

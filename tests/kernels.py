@@ -44,7 +44,7 @@ def loaded_kernels() -> dict[str, str]:
     product = scipy.linalg.blas.dgemm(1.0, np.eye(2), np.eye(2)) @ np.eye(2)
     assert product.shape == (2, 2)
     maps = Path("/proc/self/maps")
-    found = re.findall(r"/\S*openblas\S*", maps.read_text()) if maps.is_file() else []
+    found = re.findall(r"/.*openblas\S*", maps.read_text()) if maps.is_file() else []
     return {Path(path).name: kernel for path in dict.fromkeys(found) if (kernel := kernel_of(path))}
 
 

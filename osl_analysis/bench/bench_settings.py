@@ -96,7 +96,7 @@ class Calibration(Settings):
     def slip(self) -> float:
         """That of half the width of the load cell's loop, over the range of torque: a rectangular
         distribution."""
-        return self.hysteresis / float(np.sqrt(12))
+        return self.hysteresis / 12**0.5
 
 
 NOT_STATED = Calibration()

@@ -25,7 +25,7 @@ from osl_analysis.bench.impedance import Analysis, parts_of, range_over
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
-from osl_analysis.bench.regression import IMPEDANCE, Sums, sums_of
+from osl_analysis.bench.regression import IMPEDANCE, Sums, sums_of, with_effects
 from osl_analysis.bench.rendered_gains import rendered_gains
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import (
@@ -139,7 +139,10 @@ def impedance_table(
     rendered = None
     if p and desired.controller:
         rendered = rendered_gains(analysis, p, of_device)
-    is_of_gains = rendered is not None and rendered.VAF > analysis.whole.vaf
+    is_of_gains = rendered is not None and (
+        rendered.VAF > analysis.whole.vaf
+        or rendered.VAF_with_friction > with_effects(s, IMPEDANCE, "T_C").vaf
+    )
     found = what_else(analysis, s, p, is_of_gains, bool(gains))
 
     # what all rows have

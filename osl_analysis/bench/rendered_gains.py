@@ -87,10 +87,13 @@ class RenderedGains:
         by the names of their columns.
     VAF : float
         Of the model of third order [percent].
+    VAF_with_friction : float
+        The same with Coulomb friction of joint and actuator.
     """
 
     budgets: Mapping[str, Budget]
     VAF: float
+    VAF_with_friction: float
 
 
 def rendered_gains(
@@ -278,31 +281,33 @@ def described(
     linear = fit_groups(leg.sums, leg.linear_model)
     residual = leg.residual.filtered_torque[rows]
     unexplained = residual - X[:, : len(leg.linear_model)] @ linear.estimates
-    of_friction = contributions_of_friction(leg, leg.moved_by(linear), X, residual, step)
+    left = residual - X @ step.estimates
+    of_friction = contributions_of_friction(leg, leg.moved_by(linear), X, left, step)
     of_components = contributions_of_components(leg, X, rows, delayed, uncertainties)
+    torque = record.filtered_torque[rows]
     return RenderedGains(
         budgets={
             name: rendered.budget(name).plus(*of_friction[name], *of_components[name])
             for name in rendered.names
         },
-        VAF=variance_accounted_for(record.filtered_torque[rows], unexplained),
+        VAF=variance_accounted_for(torque, unexplained),
+        VAF_with_friction=variance_accounted_for(torque, left),
     )
 
 
 def contributions_of_friction(
-    leg: Leg, linear: Leg, X: Array, residual: Array, step: LinearFit
+    leg: Leg, linear: Leg, X: Array, left: Array, step: LinearFit
 ) -> dict[str, list[Contribution]]:
     """What friction that is no Coulomb friction may make of what the gains render: half of the
     ranges over amplitudes and parts of the band, and with Coulomb friction of both, of the joint
-    alone and of neither; and what it does alike at all of them. Of the torque that the slopes X
-    (n, p) leave of the `residual` (n,) a share may act as any one of them does, by a rectangular
+    alone and of neither; and what it does alike at all of them. Of the torque (n,) that the
+    slopes X (n, p) have `left` a share may act as any one of them does, by a rectangular
     distribution (JCGM 100:2008, 4.3.7)."""
     of_joint = with_effects(leg.sums, leg.linear_model, "T_C")
     legs = [leg, linear, leg.moved_by(of_joint)]
     for part in parts_of(leg.residual, leg.sums):
         with suppress(IdentifiabilityError):
             legs.append(leg.moved_by(with_effects(part, leg.model)))
-    left = residual - X @ step.estimates
     covariance = left @ left * np.linalg.inv(X.T @ X)
     of_all = replace(step, covariance=covariance).derived(leg.impedance_slopes())
     found = {}
@@ -336,7 +341,7 @@ def contributions_of_components(
     found = {}
     for name, value in before.items():
         bound = abs(delayed[name] - value) / np.sqrt(3)
-        found[name] = [Contribution("component", bound, basis="measured", detail="loop_delay")]
+        found[name] = [Contribution("component", bound, basis="bound", detail="loop_delay")]
     by_torque = np.linalg.pinv(X)  # change of the estimates (p, m)
     for component in COMPONENT_SYMBOLS:
         value = getattr(leg.p, component)

@@ -53,8 +53,7 @@ class DescribedTable:
 
 def file_at(place: str) -> str:
     """The file at the `place` of a table, with words for the names of trial and experiment."""
-    named = place.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL")
-    return f"{named}.csv"
+    return place.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") + ".csv"
 
 
 @cache

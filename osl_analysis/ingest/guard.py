@@ -12,7 +12,7 @@ import polars as pl
 import scipy
 
 from osl_analysis.base.errors import Change, InputError
-from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, spoiled, varies
+from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, rms, spoiled, varies
 from osl_analysis.base.trial import Array, Trial, unit_of
 from osl_analysis.base.units import si_factor
 from osl_analysis.ingest import LIMITS
@@ -123,7 +123,7 @@ def rows_of_current(time: Array, torque: Array, signals: Mapping[str, Array], an
     columns = [torque, np.ones_like(torque), current, current * turned, current * turned**2]
     moves = np.ones(torque.size, dtype=bool)
     for speed in speeds:
-        moves &= np.abs(speed) >= LIMITS.moves_well * np.sqrt(np.mean(speed**2))
+        moves &= np.abs(speed) >= LIMITS.moves_well * rms(speed)
         way = np.sign(speed)
         columns += [way, way * abs(current), speed]
     step = max(np.count_nonzero(moves) // LIMITS.rows_of_filter, 1)

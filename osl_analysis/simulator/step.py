@@ -69,8 +69,8 @@ def ground_reaction(p: Array) -> Array:
         curves = [size * np.exp(-(((p - peak) / width) ** 2)) for size, peak, width in humps]
         components.append(np.sum(curves, axis=0))
     forward, inward, upward = components
-    upward = NOMINAL.upward + upward
-    return np.stack([forward, inward, upward], axis=-1) * stance_window(p)[:, None]
+    in_stance = stance_window(p)[:, None]
+    return np.stack([forward, inward, NOMINAL.upward + upward], axis=-1) * in_stance
 
 
 def foot_path(c: Array, stride: float) -> tuple[Array, Array]:

@@ -58,15 +58,17 @@ def speed_alone(trial: Trial) -> pl.Expr:
 
 def gear_told(trial: Trial, p: DrivetrainParameters | None) -> list[pl.Expr]:
     """The columns `gear`, by how much farther the motor's side turns, in words, and `gear_ratio`,
-    that over the nearest stated ratio, as far as the stiffness of a drive that yields, if it is
-    stated, does not explain it; null without one."""
+    that over the nearest stated ratio, as far as the stiffness of the drive, which yields, does not
+    explain it; null where either is not stated."""
     words = None
     ratio = None
     for motor, factor in origin(trial, "theta").get("gears", {}).items():
         words = f"while theta turns once, {motor} turns {factor:.4g} times"
-        stated = factor / np.array([p.n_T, p.n_m, p.n_T * p.n_m]) if p else np.empty(0)
+        stated = np.empty(0)
+        if p and p.K_s > 0:
+            stated = factor / np.array([p.n_T, p.n_m, p.n_T * p.n_m])
         ratio = min(stated[stated > 0], key=lambda over: abs(np.log(over)), default=None)
-        if p and ratio and p.K_s > 0:
+        if p and ratio:
             turned = turns(*recorded(trial, "theta"), is_speed=False)
             torque_change = turns(*recorded(trial, "torque"), is_speed=False)
             yielded_share = torque_change.std() / (p.K_s * turned.std())

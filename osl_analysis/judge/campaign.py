@@ -37,7 +37,6 @@ from osl_analysis.stats.rounding import significant
 
 MOST_NAMED = 3  # number of trials that a line names
 QUALITY = "quality"
-UNKNOWN_DELAY = ("late_torque", Grade.UNCHECKED)  # name and grade
 SHOWN_BY_SPRING = ("late_torque", "wrong_gain", "fixture_inertia")
 
 
@@ -78,10 +77,6 @@ def campaign_findings(
         of_fits += chain(*judged_together(table, limits.of(name), name, faults, budget))
     if len(tables.get("calibration", ())):
         of_fits = [with_its_calibration(finding) for finding in of_fits]
-    impedance = tables.get("impedance", pl.DataFrame())
-    if "lag_s" in impedance.columns and impedance["lag_s"].count():
-        # legs tell the delay of their bench: delay.csv pools it
-        of_fits = [each for each in of_fits if (each.name, each.grade) != UNKNOWN_DELAY]
     doubts = [finding for finding in of_fits if finding.grade is Grade.DOUBTS]
     told = {fact_of(doubt) for doubt in doubts if not doubt.is_of_part}
     return [*(each for each in failed_checks(verdicts) if fact_of(each) not in told), *of_fits]

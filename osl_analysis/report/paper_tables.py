@@ -40,8 +40,9 @@ DAGGER = (
 WIDTHS = (
     "repeatability, sensor, bench, all: half of the 95 % interval of one trial, by part and by all"
     " of them; range: half of the range over amplitudes and parts of the band; each the median"
-    " over n trials; `bench` has friction's shape. mean of n: half of the 95 % interval of their"
-    " mean, with the scatter between trials, or with their own errors where these are larger"
+    " over n trials; `bench` has friction's shape; of K_s the drift and where loading begins. mean"
+    " of n: half of the 95 % interval of their mean, with the scatter between trials, or with their"
+    " own errors where these are larger"
 )
 
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from osl_analysis.base.measured import UNIFORM_WIDTH
 from osl_analysis.base.trial import Array
 from osl_analysis.base.units import quantity
 from osl_analysis.base.yaml_settings import (
@@ -96,7 +97,7 @@ class Calibration(Settings):
     def slip(self) -> float:
         """That of half the width of the load cell's loop, over the range of torque: a rectangular
         distribution."""
-        return self.hysteresis / 12**0.5
+        return self.hysteresis / UNIFORM_WIDTH
 
 
 NOT_STATED = Calibration()

@@ -139,10 +139,13 @@ def impedance_table(
     rendered = None
     if p and desired.controller:
         rendered = rendered_gains(analysis, p, of_device)
-    is_of_gains = rendered is not None and (
-        rendered.VAF > analysis.whole.vaf
-        or rendered.VAF_with_friction > with_effects(s, IMPEDANCE, "T_C").vaf
-    )
+    is_of_gains = False
+    if rendered:
+        # friction that only one of the two models has would decide
+        with_friction = with_effects(s, IMPEDANCE, "T_C")
+        is_of_gains = (
+            rendered.VAF > analysis.whole.vaf or rendered.VAF_with_friction > with_friction.vaf
+        )
     found = what_else(analysis, s, p, is_of_gains, bool(gains))
 
     # what all rows have

@@ -260,7 +260,7 @@ def of_fit(series: pl.DataFrame, motion: str, what: str = OF_FITTED) -> Signals:
 
 def every_kth(samples: pl.DataFrame) -> pl.DataFrame:
     """Every k-th sample, so that they are `MOST_DRAWN` or fewer."""
-    return samples.gather_every(len(samples) // MOST_DRAWN + 1)
+    return samples.gather_every(-(-len(samples) // MOST_DRAWN) or 1)
 
 
 def of_recording(samples: pl.DataFrame, motion: str) -> Signals:

@@ -249,7 +249,7 @@ def recording_of(
     drawn = random_errors(trial, settings)
     samples = next(len(signal) for signal in signals.values() if not callable(signal))
     bench = Bench(trial, settings, drawn, samples)
-    torque = {name: signal for name, signal in signals.items() if name.endswith("torque")}
+    torque = {name: signal for name, signal in signals.items() if is_torque(name)}
     others = {name: signal for name, signal in signals.items() if name not in torque}
     log = bench.recording("node", recorder.node, others)
     name = "node" if recorder.torque_node is None else "torque_node"
@@ -267,6 +267,10 @@ def random_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
         deviate = generator_of(settings.seed, trial, name).standard_normal()
         drawn[name] = getattr(settings.effects, name).value * deviate
     return drawn
+
+
+def is_torque(channel: str) -> bool:
+    return channel.endswith("torque")
 
 
 @dataclass(frozen=True)
@@ -325,7 +329,7 @@ class Bench:
         effects = self.settings.effects
         noise, resolution = SENSORS[channel]
         reading = values
-        if channel.endswith("torque"):
+        if is_torque(channel):
             drift = self.drawn["load_cell_drift"] * sampled / 60
             reading = values + (self.drawn["load_cell_offset"] + drift)
         if noise is not None:

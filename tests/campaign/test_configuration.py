@@ -3,6 +3,7 @@
 
 import json
 import re
+import shlex
 import sys
 import time
 from dataclasses import replace
@@ -258,7 +259,8 @@ def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):
 def test_a_simulation_without_its_libraries_is_refused_before_any_job(monkeypatch, in_root):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     monkeypatch.setattr(Path, "exists", lambda path: path.suffix != ".c3d")
-    with refused_with(rf"ezc3d.*; .*{sys.executable}.* -m pip install ezc3d$"):
+    python = re.escape(shlex.quote(sys.executable))
+    with refused_with(rf"ezc3d.*; {python} -m pip install ezc3d$"):
         started(SHIPPED)
     monkeypatch.setattr(Path, "exists", lambda _: True)
     started(SHIPPED)

@@ -30,7 +30,7 @@ from planted import CAUSES, MOTIONS, SOUND, Cause, recording, size_that_moves
 import osl_analysis as osl
 from osl_analysis import notebook
 from osl_analysis.campaign.configuration import OF_CONFIG
-from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.rules import Grade
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, ROWS = ROOT / "docs/bench_validation.md", ROOT / "build/causes.csv"

@@ -29,7 +29,7 @@ from osl_analysis.bench.bench_settings import (
     DynamometerAnalysis,
     TorqueAngleAnalysis,
 )
-from osl_analysis.judge.finding import DoubtfulFits
+from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.walking_settings import WalkingAnalysis

@@ -14,7 +14,7 @@ from osl_analysis.base.files import DISTRIBUTION, ROOT, own_yaml
 from osl_analysis.base.yaml_settings import flat, read_mapping
 from osl_analysis.campaign.campaign_trials import Campaign, code, code_version, digest_of, values_in
 from osl_analysis.campaign.configuration import LIMIT_BY_WEIGHT, Config
-from osl_analysis.judge.finding import SHIPPED
+from osl_analysis.judge.limits import SHIPPED
 
 # facts on the origin of results
 ABOUT_MEANING = {

@@ -23,8 +23,8 @@ from osl_analysis.config.impedance_trajectory import (
     read_impedance_trajectory,
 )
 from osl_analysis.config.sheet import JOINT
-from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import WHY_NO_FIT, judged, judged_estimates, marked
+from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.budget import CLEAR, WIDE
 from osl_analysis.stats.repeats import DOUBTFUL, concerns
 from osl_analysis.walking import tables as result_tables

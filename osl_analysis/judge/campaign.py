@@ -12,18 +12,10 @@ import polars as pl
 from osl_analysis.base.errors import listing
 from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.judge.agreement import disagreements
-from osl_analysis.judge.finding import (
-    Beyond,
-    DoubtfulFits,
-    Finding,
-    Grade,
-    Limits,
-    fit_of,
-    sentence_of,
-    worded,
-)
+from osl_analysis.judge.finding import Finding, fit_of, sentence_of, worded
 from osl_analysis.judge.judging import WHY_NO_FIT, RowFindings, judged, marked
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding
+from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
     CROSSING,
@@ -32,6 +24,7 @@ from osl_analysis.judge.recording_checks import (
     exclusion_text,
     spoiled_trials,
 )
+from osl_analysis.judge.rules import Beyond, Grade
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
 

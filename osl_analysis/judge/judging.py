@@ -8,26 +8,20 @@ from dataclasses import dataclass, replace
 
 import polars as pl
 
-from osl_analysis.base.units import known_factor
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import described_tables_by_name
-from osl_analysis.judge.finding import (
-    AnyRow,
-    Beyond,
-    Finding,
-    Grade,
-    Limits,
-    cell_number,
-    fit_of,
-    worded,
-)
-from osl_analysis.judge.known_findings import (
-    FINDINGS,
+from osl_analysis.judge.finding import Finding, fit_of, worded
+from osl_analysis.judge.known_findings import FINDINGS, KnownFinding, known_finding
+from osl_analysis.judge.limits import Limits
+from osl_analysis.judge.rules import (
     LIMIT_SIDES,
     RULES,
-    KnownFinding,
+    AnyRow,
+    Beyond,
+    Grade,
+    Numbers,
     Rule,
-    known_finding,
+    numbers_beyond,
     rule_of,
 )
 from osl_analysis.stats.budget import (
@@ -52,10 +46,7 @@ UNEXPLAINED = "unexplained_torque"
 WIDE_INTERVAL = "wide_interval"
 
 
-# relative differences between components and their file have a standard deviation of 2 %
-NEAR_UNIT = 0.04  # relative difference of a ratio to a known value from the factor between units
 RowFindings = list[list[Finding]]  # for each row of a table
-Numbers = dict[str, Beyond]  # numbers of a row beyond their limits, by column
 
 
 @dataclass(frozen=True)
@@ -338,65 +329,6 @@ def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
         Finding(source, grade=Grade.UNCHECKED, size=", ".join(texts))
         for source, texts in sizes.items()
     ]
-
-
-def numbers_beyond(row: AnyRow, rules: Sequence[Rule]) -> Numbers:
-    """Find the numbers of a row that are beyond their limits.
-
-    Parameters
-    ----------
-    row : AnyRow
-        A null is not checked.
-    rules : Sequence of Rule
-        Those on its table.
-
-    Returns
-    -------
-    dict of str to Beyond
-        By column; NaN is beyond any limit, and a ratio near a unit's factor is `near`.
-    """
-    numbers: Numbers = {}
-    for rule in rules:
-        column = rule.column
-        value = cell_number(row, column)
-        low, high = rule.ends
-        if value is None or low == -high == -math.inf or column in numbers:
-            continue
-        unit, is_unit = unit_of_ratio(rule, value, row)
-        if math.isnan(value):
-            side = "nan"
-        elif value > high:
-            side = "above"
-        elif value < low:
-            side = "below"
-        elif is_unit:
-            side = "near"
-        else:
-            continue
-        limit = low if side == "below" or math.isinf(high) else high
-        finding = "wrong_unit" if is_unit else rule.finding
-        numbers[column] = Beyond(column, value, limit, side, finding, unit, rule)
-    return numbers
-
-
-def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
-    """The factor between units near a ratio to a known value, in words, and whether it is more
-    likely than another device.
-
-    A second ratio decides that: a wrong torque scales both alike, a wrong current only this one."""
-    if not rule.units or not ratio:
-        return "", False
-    second = cell_number(row, rule.second)
-    likely = []
-    if second:
-        of_signals = {"current": second}
-        likely = [
-            signal
-            for signal in rule.units
-            if abs(of_signals.get(signal, second / ratio) - 1) < NEAR_UNIT
-        ]
-    unit = known_factor(ratio, likely, NEAR_UNIT)
-    return unit or known_factor(ratio, rule.units, NEAR_UNIT), bool(unit)
 
 
 def short_list(findings: Sequence[Finding], are_doubts: bool) -> str | None:

@@ -16,9 +16,10 @@ from markupsafe import Markup, escape
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
 from osl_analysis.dictionary.described import described_tables_by_name
-from osl_analysis.judge.finding import Finding, Grade
+from osl_analysis.judge.finding import Finding
 from osl_analysis.judge.judging import budgets_of_rows
 from osl_analysis.judge.known_findings import known_finding
+from osl_analysis.judge.rules import Grade
 from osl_analysis.report.paper_tables import stated_text
 from osl_analysis.report.typography import printed, template
 from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on

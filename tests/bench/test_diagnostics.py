@@ -27,7 +27,7 @@ from osl_analysis.bench.summaries import delay_table
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.inference.spectra import slipping_springs
 from osl_analysis.judge import judging
-from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.rules import Grade
 from osl_analysis.model.drivetrain import PARAMETER_UNITS
 from osl_analysis.report.numbers import headline_numbers, headline_sentences
 from osl_analysis.stats.linear_fit import LinearFit

@@ -23,7 +23,8 @@ from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import sums_of
 from osl_analysis.inference.spectra import slipping_springs
 from osl_analysis.inference.weighing import Alternative, ImpedanceInference
-from osl_analysis.judge.finding import Grade, Limits
+from osl_analysis.judge.limits import Limits
+from osl_analysis.judge.rules import Grade
 
 SETTINGS = CONFIG.dynamometer
 

@@ -15,7 +15,7 @@ from walking_synthetic import RATE, bump, settings
 from osl_analysis.base.table import read_table, write_table
 from osl_analysis.commands import walking, walking_summary
 from osl_analysis.commands.tables import gather
-from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.plate import Stance

@@ -28,8 +28,8 @@ from osl_analysis.commands.run import left_out_recordings
 from osl_analysis.commands.walking import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.ingest.quality import Commanded, measure_quality
-from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.recording_checks import judged_table, measured_table
+from osl_analysis.judge.rules import Grade
 
 OTHERS = {
     "parameters": "config/parameters/osl-v2-published.yaml", "impedance_trajectory": "other.csv",

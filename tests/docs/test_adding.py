@@ -102,7 +102,7 @@ with suppress(SystemExit):
 
 from osl_analysis.cli import main
 from osl_analysis.figures.drawing import (drawn, plotted_numbers)
-from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.finding import finding_text
 from osl_analysis.notebook import fit

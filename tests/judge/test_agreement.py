@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from osl_analysis.judge.agreement import disagreements
-from osl_analysis.judge.finding import Grade, worded
+from osl_analysis.judge.finding import worded
 from osl_analysis.judge.judging import verdicts_of
+from osl_analysis.judge.rules import Grade
 from osl_analysis.stats.budget import CLEAR
 
 NEEDED = {"K": 0.02, "B": 0.05, "I": 0.2}

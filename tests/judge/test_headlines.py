@@ -11,15 +11,10 @@ from conftest import beyond_in, findings_of, marked
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.jobs.progress import later_failures, write_log
 from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
-from osl_analysis.judge.finding import (
-    Beyond,
-    DoubtfulFits,
-    Finding,
-    Grade,
-    Limits,
-    findings_frame,
-)
+from osl_analysis.judge.finding import Finding, findings_frame
 from osl_analysis.judge.judging import judged, with_doubts_of
+from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.rules import Beyond, Grade
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
 

@@ -8,9 +8,11 @@ import pytest
 from conftest import findings_of
 
 from osl_analysis.dictionary.described import table_of
-from osl_analysis.judge.finding import Accuracy, Grade, Limits, finding_text
+from osl_analysis.judge.finding import finding_text
 from osl_analysis.judge.judging import judged, marked, results_in, short_list, verdicts_of, wide_in
 from osl_analysis.judge.known_findings import CHECKS
+from osl_analysis.judge.limits import Accuracy, Limits
+from osl_analysis.judge.rules import Grade
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
 from osl_analysis.stats.repeats import concerns
 

@@ -4,7 +4,7 @@
 import pytest
 from conftest import findings_of
 
-from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.limits import Limits
 
 NO_FIXTURE = {"fixture": None}
 

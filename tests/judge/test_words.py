@@ -13,8 +13,10 @@ from shipped import SETTINGS
 from osl_analysis.bench.budgets import ERROR_SOURCES
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary.described import described_tables, described_tables_by_name
-from osl_analysis.judge.finding import DoubtfulFits, Finding, Grade, Limits, finding_text, worded
-from osl_analysis.judge.known_findings import CHECKS, CONTENT, FINDINGS, RULES
+from osl_analysis.judge.finding import Finding, finding_text, worded
+from osl_analysis.judge.known_findings import CHECKS, CONTENT, FINDINGS
+from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.rules import RULES, Grade
 
 DOUBTS = {
     *ERROR_SOURCES.values(),

@@ -20,7 +20,7 @@ from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import read_trial, write_trial
 from osl_analysis.commands import walking
 from osl_analysis.commands.trials import checked_trial
-from osl_analysis.judge.finding import Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.walking.crossing import PER_UNIT
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming

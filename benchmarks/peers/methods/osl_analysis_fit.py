@@ -8,7 +8,7 @@ import polars as pl
 
 import osl_analysis as osl
 from osl_analysis.base.files import DISTRIBUTION
-from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.rules import Grade
 
 PACKAGES = (DISTRIBUTION,)
 

@@ -97,8 +97,9 @@ def table_of(name: str, content: bytes) -> pl.DataFrame:
     table = pl.read_parquet(io.BytesIO(content))
     for column in table:
         if isinstance(column.dtype, pl.Array):  # as the three coordinates of a marker
-            parts = column.arr.to_struct(lambda k, name=column.name: f"{name}.{k}")
-            table = table.drop(column.name).hstack(parts.struct.unnest())
+            parts = [f"{column.name}.{k}" for k in range(column.dtype.size)]
+            split = pl.DataFrame(column.to_numpy(), schema=parts)
+            table = table.drop(column.name).hstack(split)
     return table
 
 
@@ -122,6 +123,8 @@ def row_names(table: pl.DataFrame) -> list[str]:
             continue
         column = table[name]
         if column.dtype.is_float():
+            if TIME in table.columns:  # a sample is known by its place
+                continue
             column = column.round_sig_figs(NAMES_DIGITS)
         columns.append(column.cast(pl.String).fill_null("").to_list())
     seen: dict[str, int] = {}

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from osl_analysis.base.trial import Trial, read_trial
     from osl_analysis.bench.evidence import DesiredImpedance
     from osl_analysis.commands.fit_results import Fit
-    from osl_analysis.judge.finding import Finding
+    from osl_analysis.judge.findings import Finding
     from osl_analysis.notebook import (
         FrequencyResponse,
         check,

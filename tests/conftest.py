@@ -31,7 +31,7 @@ from xdist.scheduler import LoadScopeScheduling
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Trial
 from osl_analysis.judge import judging
-from osl_analysis.judge.finding import Finding
+from osl_analysis.judge.findings import Finding
 from osl_analysis.judge.limits import Limits
 
 sys.dont_write_bytecode = False

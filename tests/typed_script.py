@@ -25,7 +25,7 @@ def analyse(folder: Path) -> Figure | None:
     any_fit = osl.fit(trial, "impedance", desired=desired)
     assert_type(any_fit, osl.Fit)
     findings: list[osl.Finding] = [finding for row in any_fit.findings for finding in row]
-    print(any_fit.doubtful, [finding.name for finding in findings])
+    print(any_fit.doubtful, [finding.source for finding in findings])
     assert_type(osl.to_pandas(any_fit.table), pd.DataFrame)
     assert_type(osl.read_summary(folder), pl.DataFrame)
     assert_type(osl.read_table(folder / "belt.csv"), pl.DataFrame)

@@ -20,9 +20,10 @@ from osl_analysis.bench.impedance import Analysis
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.figures.drawing import completed, drawn
 from osl_analysis.judge.campaign import failed_checks
-from osl_analysis.judge.finding import Finding, finding_text
+from osl_analysis.judge.findings import Finding
 from osl_analysis.judge.judging import budgets_of_rows
 from osl_analysis.judge.rules import Grade
+from osl_analysis.judge.wording import finding_text
 from osl_analysis.stats.budget import IN_INTERVAL, Budget
 from osl_analysis.stats.rounding import (
     decimal_places,
@@ -134,7 +135,7 @@ def finding_json(finding: Finding) -> dict[str, Any]:
     """A finding as an object of JSON."""
     return {
         "grade": finding.grade.value,
-        "name": finding.name,
+        "source": finding.source,
         "cause": finding.cause,
         "says": finding.says,
         "size": finding.size,

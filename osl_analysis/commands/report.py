@@ -24,7 +24,7 @@ from osl_analysis.commands.figure import read_plotted, reasons_not_drawn
 from osl_analysis.commands.tables import read_summary_file
 from osl_analysis.figures.drawing import caption_of, figure_title
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
-from osl_analysis.judge.finding import read_findings
+from osl_analysis.judge.findings import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB
 from osl_analysis.report import methods
 from osl_analysis.report.numbers import headline_sentences, macro_name, numbers_in_summary

@@ -13,7 +13,7 @@ The way of one estimate, the damping of a trial whose torque is late, to the pag
    budget knows of another motion is a remark, what nobody has measured is not checked.
 4. What no budget tells, such as a wrong unit, the `rules` of `findings.yaml` find by a number
    beyond its limit (`rules.numbers_beyond`), in any table.
-5. `finding.worded` fills the sentences that `findings.yaml` has under `findings`: what is wrong,
+5. `wording.worded` fills the sentences that `findings.yaml` has under `findings`: what is wrong,
    how large it is, what to do.
 6. `judging.marked` writes the verdicts into `K_verdict`, `B_verdict` and `I_verdict`, doubts into
    `doubtful`, and the rest into `remarks`. `campaign.campaign_findings` gathers all findings for

@@ -16,7 +16,7 @@ import scipy
 
 from osl_analysis.base.trial import Array
 from osl_analysis.base.units import factors_near
-from osl_analysis.judge.finding import Finding
+from osl_analysis.judge.findings import Finding
 from osl_analysis.judge.rules import Beyond, Grade, rule_of
 from osl_analysis.stats.budget import CLEAR, WIDE, own_size
 from osl_analysis.stats.rounding import places_of, significant, to_places

@@ -12,7 +12,7 @@ import polars as pl
 from osl_analysis.base.errors import listing
 from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.judge.agreement import disagreements
-from osl_analysis.judge.finding import Finding, fit_of, sentence_of, worded
+from osl_analysis.judge.findings import Finding, fit_of
 from osl_analysis.judge.judging import WHY_NO_FIT, RowFindings, judged, marked
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding
 from osl_analysis.judge.limits import DoubtfulFits, Limits
@@ -25,6 +25,7 @@ from osl_analysis.judge.recording_checks import (
     spoiled_trials,
 )
 from osl_analysis.judge.rules import Beyond, Grade
+from osl_analysis.judge.wording import sentence_of, worded
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
 
@@ -102,7 +103,7 @@ def judged_together(
 
 def with_its_calibration(finding: Finding) -> Finding:
     """A campaign that has recorded a known spring is told to state what this says."""
-    if finding.grade is not Grade.UNCHECKED or finding.name not in SHOWN_BY_SPRING:
+    if finding.grade is not Grade.UNCHECKED or finding.source not in SHOWN_BY_SPRING:
         return finding
     remedy = "State what calibration.csv says of this bench (`to_state`), and run again"
     return replace(finding, remedy=remedy)
@@ -110,7 +111,7 @@ def with_its_calibration(finding: Finding) -> Finding:
 
 def fact_of(finding: Finding) -> tuple[str, str]:
     """The cause and the trial of a finding."""
-    return finding.name, finding.subject
+    return finding.source, finding.subject
 
 
 def failed_checks(verdicts: pl.DataFrame) -> Iterator[Finding]:
@@ -173,7 +174,7 @@ class CampaignFinding:
     subject
         What was judged, such as `impedance trials`, or `impedance trials, at single amplitudes
         alone`.
-    name, cause
+    source, cause
         As of a `Finding`.
     says, size, remedy
         What is wrong, how large, and what to do, for one of its trials.
@@ -190,7 +191,7 @@ class CampaignFinding:
 
     verdict: str
     subject: str
-    name: str
+    source: str
     cause: str
     n: int
     brief: str
@@ -221,7 +222,7 @@ class CampaignFinding:
     @property
     def is_result(self) -> bool:
         """Whether it is a property of the device, and not one that could not be checked."""
-        return self.verdict != Grade.UNCHECKED and known_finding(self.name).is_result
+        return self.verdict != Grade.UNCHECKED and known_finding(self.source).is_result
 
 
 def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
@@ -294,24 +295,24 @@ def causes_in_campaign(
             n = verdicts.filter(check=check)["trial"].n_unique()
         else:
             continue
-        of_trials = by_cause.setdefault((verdict, subject, n, finding.name, check), {})
+        of_trials = by_cause.setdefault((verdict, subject, n, finding.source, check), {})
         of_trials[finding.subject] = finding
     causes = []
-    for (verdict, subject, n, name, _), of_trials in by_cause.items():
+    for (verdict, subject, n, source, _), of_trials in by_cause.items():
         # with its words and its size in the `worst` of its trials
         worst = max(of_trials, key=lambda trial: of_trials[trial].excess)
         of_worst = of_trials[worst]
         says = str(of_worst.says)
         if says and len({finding.says for finding in of_trials.values()}) > 1:
             says = f"{says} (in {worst})"
-        kind = known_finding(name)
+        kind = known_finding(source)
         remedy = str(of_worst.remedy)
         is_in_part = verdict == "doubtful in part"
         causes.append(
             CampaignFinding(
                 verdict=verdict,
                 subject=subject,
-                name=name,
+                source=source,
                 cause=kind.title,
                 n=n,
                 brief="leave out rows marked doubtful" if is_in_part else kind.brief or remedy,

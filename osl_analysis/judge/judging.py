@@ -10,7 +10,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import described_tables_by_name
-from osl_analysis.judge.finding import Finding, fit_of, worded
+from osl_analysis.judge.findings import Finding, fit_of
 from osl_analysis.judge.known_findings import FINDINGS, KnownFinding, known_finding
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.rules import (
@@ -24,6 +24,7 @@ from osl_analysis.judge.rules import (
     numbers_beyond,
     rule_of,
 )
+from osl_analysis.judge.wording import worded
 from osl_analysis.stats.budget import (
     CLEAR,
     DOUBT,
@@ -175,7 +176,7 @@ def findings_of_row(
     if fault:
         estimates = [of_spoiled(estimate, fault) for estimate in estimates]
     found = [*doubts_of(estimates), *of_numbers(numbers), *properties_of(estimates)]
-    names = {finding.name for finding in found}
+    names = {finding.source for finding in found}
     found = [
         finding
         for finding in found
@@ -188,8 +189,8 @@ def findings_of_row(
             found.append(Finding(rule.finding, grade=grade, says=rule.says, remedy=rule.remedy))
     order = list(Grade)
     # what spoils a recording before what follows from it, and a named cause before none
-    found.sort(key=lambda each: not known_finding(each.name).spoils_estimates)
-    found.sort(key=lambda each: (order.index(each.grade), each.name == UNEXPLAINED))
+    found.sort(key=lambda each: not known_finding(each.source).spoils_estimates)
+    found.sort(key=lambda each: (order.index(each.grade), each.source == UNEXPLAINED))
     subject, amplitude_deg = fit_of(row)
     return [
         worded(replace(each, table=table, subject=subject, amplitude_deg=amplitude_deg), row)
@@ -275,7 +276,7 @@ def of_numbers(numbers: Numbers) -> list[Finding]:
         remedies = [number.rule.remedy for number in evidence]
         ends = [number.column for number in evidence if number.rule.is_of_estimate]
         finding = Finding(
-            name=name,
+            source=name,
             grade=Grade(of_cause),
             evidence=tuple(evidence),
             estimates=tuple(end.removesuffix("_high") for end in ends),
@@ -339,7 +340,7 @@ def short_list(findings: Sequence[Finding], are_doubts: bool) -> str | None:
     for finding in findings:
         is_doubt = finding.grade is Grade.DOUBTS
         about = ""
-        if is_doubt or finding.name == WIDE_INTERVAL:
+        if is_doubt or finding.source == WIDE_INTERVAL:
             about = ", ".join(finding.estimates)
         elif finding.grade is Grade.UNCHECKED:
             about = finding.grade
@@ -355,7 +356,7 @@ def verdicts_of(findings: Sequence[Finding]) -> dict[str, str]:
         concerned = finding.estimates or QUANTITIES
         if finding.grade is Grade.DOUBTS:
             verdicts.update(dict.fromkeys(concerned, finding.cause))
-        elif finding.name == WIDE_INTERVAL:
+        elif finding.source == WIDE_INTERVAL:
             verdicts.update(dict.fromkeys(concerned, WIDE))
     return verdicts
 

@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
 from osl_analysis.dictionary.described import described_tables_by_name
-from osl_analysis.judge.finding import Finding
+from osl_analysis.judge.findings import Finding
 from osl_analysis.judge.judging import budgets_of_rows
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.judge.rules import Grade

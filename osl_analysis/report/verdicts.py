@@ -18,7 +18,7 @@ from osl_analysis.judge.campaign import (
     CampaignFinding,
     findings_in_summary,
 )
-from osl_analysis.judge.finding import Finding
+from osl_analysis.judge.findings import Finding
 from osl_analysis.judge.recording_checks import BY_JOB, REFUSED, exclusion_text
 from osl_analysis.judge.rules import Grade
 from osl_analysis.report.numbers import MOST_IN_SENTENCE, headline_sentences, numbers_in_summary

@@ -35,7 +35,7 @@ from osl_analysis.bench.friction import coulomb_fit
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.regression import IMPEDANCE, SHARP_WIDTH, sums_of
 from osl_analysis.commands.fit import run_fit
-from osl_analysis.judge.finding import finding_text
+from osl_analysis.judge.wording import finding_text
 from osl_analysis.signals.filters import LowPass, differentiate
 from osl_analysis.signals.grid import origin
 

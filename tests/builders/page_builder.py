@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import polars as pl
 
-from osl_analysis.judge.finding import Finding
+from osl_analysis.judge.findings import Finding
 from osl_analysis.judge.rules import Grade
 from osl_analysis.report.page import trial_view
 

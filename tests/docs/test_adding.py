@@ -104,7 +104,7 @@ from osl_analysis.cli import main
 from osl_analysis.figures.drawing import (drawn, plotted_numbers)
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.judging import judged
-from osl_analysis.judge.finding import finding_text
+from osl_analysis.judge.wording import finding_text
 from osl_analysis.notebook import fit
 from osl_analysis.base.table import read_table
 

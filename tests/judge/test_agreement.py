@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from osl_analysis.judge.agreement import disagreements
-from osl_analysis.judge.finding import worded
 from osl_analysis.judge.judging import verdicts_of
 from osl_analysis.judge.rules import Grade
+from osl_analysis.judge.wording import worded
 from osl_analysis.stats.budget import CLEAR
 
 NEEDED = {"K": 0.02, "B": 0.05, "I": 0.2}
@@ -44,7 +44,7 @@ def campaign(rng, repeats, scatter, spring=None):
 
 
 def told(rows):
-    return [(found.name, found.subject) for found in disagreements(rows, NEEDED)]
+    return [(found.source, found.subject) for found in disagreements(rows, NEEDED)]
 
 
 def test_a_mistyped_repeat_is_told_with_values_trial_and_what_to_look_at():

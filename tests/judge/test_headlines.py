@@ -11,7 +11,7 @@ from conftest import beyond_in, findings_of, marked
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.jobs.progress import later_failures, write_log
 from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
-from osl_analysis.judge.finding import Finding, findings_frame
+from osl_analysis.judge.findings import Finding, findings_frame
 from osl_analysis.judge.judging import judged, with_doubts_of
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.rules import Beyond, Grade
@@ -51,7 +51,7 @@ def test_a_named_cause_stands_before_torque_that_nothing_explains():
 
     found = findings_of(group, Limits(below={"VAF": 80.0}), "walking_groups")
 
-    assert [each.name for each in found] == ["smoothed_markers", "unexplained_torque"]
+    assert [each.source for each in found] == ["smoothed_markers", "unexplained_torque"]
 
 
 @pytest.mark.parametrize(("value", "limit", "side", "excess"), [
@@ -173,7 +173,7 @@ def test_a_delay_that_a_trial_does_not_tell_is_listed_though_another_tells_its_o
         {"impedance": impedance}, no_checks, DoubtfulFits(), table_of(rows, "budget")
     )
 
-    assert "late_torque" in [finding.name for finding in told]
+    assert "late_torque" in [finding.source for finding in told]
 
 
 def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
@@ -182,7 +182,7 @@ def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
 
     told = campaign_findings({"impedance": impedance}, verdicts, DoubtfulFits())
 
-    clipped = [finding for finding in told if finding.name == "clipped_signal"]
+    clipped = [finding for finding in told if finding.source == "clipped_signal"]
     assert [(finding.subject, finding.table) for finding in clipped] == [
         ("b", "quality"), ("a", "impedance")
     ]  # fmt: skip

@@ -8,11 +8,11 @@ import pytest
 from conftest import findings_of
 
 from osl_analysis.dictionary.described import table_of
-from osl_analysis.judge.finding import finding_text
 from osl_analysis.judge.judging import judged, marked, results_in, short_list, verdicts_of, wide_in
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import Accuracy, Limits
 from osl_analysis.judge.rules import Grade
+from osl_analysis.judge.wording import finding_text
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
 from osl_analysis.stats.repeats import concerns
 
@@ -90,7 +90,7 @@ def test_a_check_of_the_recording_names_the_cause_of_a_doubt_and_makes_none():
     (doubt,) = of_knee({"K": [fault(10.0)]}, faults=check)
 
     size = "it or delay, which this recording does not tell apart, would change K by 10 N*m/rad"
-    assert (doubt.name, doubt.size) == ("signal_jumps", size)
+    assert (doubt.source, doubt.size) == ("signal_jumps", size)
     assert of_knee({"K": [fault(0.1)]}, faults=check) == []
 
 
@@ -100,7 +100,7 @@ def test_a_check_that_fails_takes_what_the_motion_leaves_open_for_its_fault(half
 
     found = of_knee({"K": [moved]}, faults={"knee": "signal_jumps"})
 
-    assert [each.name for each in found] == ["signal_jumps"] * is_doubt
+    assert [each.source for each in found] == ["signal_jumps"] * is_doubt
     assert of_knee({"K": [moved]}) == []
 
 
@@ -110,7 +110,7 @@ def test_a_clipped_torque_decides_alone_where_no_models_were_weighed(are_weighed
 
     found = of_knee({"K": [scatter(0.1, 9), *left]}, saturated_samples=9)
 
-    assert [each.name for each in found] == ["clipped_signal"] * (not are_weighed)
+    assert [each.source for each in found] == ["clipped_signal"] * (not are_weighed)
 
 
 def test_what_spoils_a_recording_stands_before_what_follows_from_it():
@@ -118,7 +118,7 @@ def test_what_spoils_a_recording_stands_before_what_follows_from_it():
 
     found = of_knee(rows, saturated_samples=9)
 
-    assert [each.name for each in found] == ["clipped_signal", "late_torque"]
+    assert [each.source for each in found] == ["clipped_signal", "late_torque"]
     assert verdicts_of(found)["I"] == "clipped signal"
 
 
@@ -155,7 +155,7 @@ def test_a_wide_interval_is_told_under_its_own_name_and_is_no_doubt(monkeypatch)
     (remark,) = of_knee({"B": [scatter(0.01, 9)], "B_viscous": wide})
 
     size = "B_viscous is known to 0.2 N*m*s/rad (largest source: repeatability), and 0.15 is needed"
-    assert (remark.name, remark.size) == ("wide_interval", size)
+    assert (remark.source, remark.size) == ("wide_interval", size)
     assert wide_in(f"friction; {short_list([remark], False)}") == ["B_viscous"]
     assert verdicts_of([remark])["B"] == "clear"
     assert verdicts_of(of_knee({"B": wide, "B_viscous": wide}))["B"] == "wide"
@@ -171,7 +171,7 @@ def test_what_is_not_known_is_told_once_per_unit_and_not_of_the_device():
         table, Limits(), "impedance", budget=table_of(budget_rows(KNEE, budgets), "budget")
     )
 
-    told = [(each.name, each.size, each.grade, each.is_result) for each in found[0]]
+    told = [(each.source, each.size, each.grade, each.is_result) for each in found[0]]
     unchecked = (Grade.UNCHECKED, False)
     assert told == [
         ("wrong_gain", "K x per %, B x per %", *unchecked),
@@ -208,14 +208,14 @@ def test_one_factor_of_both_gains_names_its_unit(B_over_B_d, is_told):
 def test_no_unit_is_asked_for_where_a_torque_path_explains_the_ratio():
     found = of_knee({"K": [fault(20.0)]}, K_over_K_d=1.2)
 
-    assert [each.name for each in found] == ["torque_path"]
+    assert [each.source for each in found] == ["torque_path"]
 
 
 @pytest.mark.parametrize(("ratio", "is_beyond"), [(2.1, True), (0.49, True), (0.51, False)])
 def test_a_ratio_has_one_limit_for_both_sides(ratio, is_beyond):
     found = findings_of({"some_ratio": ratio}, Limits(ratio={"some_ratio": 2}), "belt")
 
-    assert [finding.name for finding in found] == ["some_ratio"] * is_beyond
+    assert [finding.source for finding in found] == ["some_ratio"] * is_beyond
 
 
 def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():

@@ -13,10 +13,11 @@ from shipped import SETTINGS
 from osl_analysis.bench.budgets import ERROR_SOURCES
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary.described import described_tables, described_tables_by_name
-from osl_analysis.judge.finding import Finding, finding_text, worded
+from osl_analysis.judge.findings import Finding
 from osl_analysis.judge.known_findings import CHECKS, CONTENT, FINDINGS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.rules import RULES, Grade
+from osl_analysis.judge.wording import finding_text, worded
 
 DOUBTS = {
     *ERROR_SOURCES.values(),

@@ -11,7 +11,7 @@ from osl_analysis.base.errors import quoted
 from osl_analysis.base.yaml_settings import UNKNOWN
 from osl_analysis.draft.likelihood import likelihoods
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.ingest import LIMITS
+from osl_analysis.ingest.quality import FEWEST_MARKERS
 
 SIDES = {"R": "right", "L": "left", "": UNKNOWN}
 SEGMENTS = likelihoods()["segments"]
@@ -108,6 +108,6 @@ def markers_text(segment: str, labels: Sequence[str]) -> str:
     if segment.startswith("ankle"):
         among = f"one of {', '.join(names)}" if names else "none is known: named in the static?"
         return names[0] if len(names) == 1 else f"{UNKNOWN}  # {among}"
-    if len(names) < LIMITS.markers_of_pose:
+    if len(names) < FEWEST_MARKERS:
         names.append(UNKNOWN)
-    return f"[{', '.join(names)}]  # {LIMITS.markers_of_pose} or more"
+    return f"[{', '.join(names)}]  # {FEWEST_MARKERS} or more"

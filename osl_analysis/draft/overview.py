@@ -20,10 +20,10 @@ from osl_analysis.base.units import is_clock
 from osl_analysis.base.yaml_settings import NAME_OF_TIME, UNKNOWN
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel, likely_unit
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.conversion import floats_of
 from osl_analysis.ingest.likely_clock import (
+    CLOCK,
     is_like_clock,
     is_of_time,
     rate_of,
@@ -33,6 +33,7 @@ from osl_analysis.ingest.likely_clock import (
     time_unit,
     unwrapped,
 )
+from osl_analysis.ingest.quality import GAPS
 
 MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_BACK = 0.1  # share of the steps of a clock that may go back
@@ -354,15 +355,13 @@ def is_apart(clock: RecordedChannel, other: RecordedChannel) -> bool:
     both = np.isfinite(clock.numbers + other.numbers)
     span = float(np.ptp(clock.numbers[both]))
     other_span = float(np.ptp(other.numbers[both]))
-    return (
-        min(span, other_span) > 0 and abs(span_ratio(span, other_span, ()) - 1) > LIMITS.clock_apart
-    )
+    return min(span, other_span) > 0 and abs(span_ratio(span, other_span, ()) - 1) > CLOCK.apart
 
 
 def gaps_text(time: Array) -> str:
     """Gaps, stamps that go back and repeated ones, in words; empty if none."""
     steps = np.diff(np.sort(time))
-    wide = steps[steps > LIMITS.gap_steps * usual_step(time)]
+    wide = steps[steps > GAPS.steps * usual_step(time)]
     counts = {
         f"gaps, the longest {wide.max(initial=0.0):.3f} s": wide.size,
         "stamps out of order": np.sum(np.diff(time) < 0),

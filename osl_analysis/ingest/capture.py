@@ -7,6 +7,7 @@ ten frames, of empty plates or not."""
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from osl_analysis.base.errors import InputError, naming, printable
 from osl_analysis.base.recording import Channel, Kind, Plate, Recording, Rows
 from osl_analysis.base.source_file import LaboratorySource, MarkerSource
 from osl_analysis.base.trial import AXES, Array, marker_columns
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
     check_finite_values,
@@ -25,6 +25,17 @@ from osl_analysis.ingest.conversion import (
     to_si,
 )
 from osl_analysis.ingest.force_plates import convert_plates, metres_per, own_axes
+
+
+@dataclass(frozen=True)
+class VerticalAxis:
+    """Which axis of a laboratory is vertical, by its plates or by a walker."""
+
+    least_level: float = 0.9  # of a plate's normal along the vertical axis
+    least_moved: float = 0.1  # of what lies between markers, by which those of a walker move
+
+
+VERTICAL_AXIS = VerticalAxis()
 
 
 def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
@@ -166,7 +177,7 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate]) -> str:
     normals = np.abs([own_axes(plate.corners)[:, 2] for plate in plates])
     if normals.size:
         normal = normals.mean(axis=0)
-        return "xyz"[np.argmax(normal)] if normal.max() > LIMITS.least_level else ""
+        return "xyz"[np.argmax(normal)] if normal.max() > VERTICAL_AXIS.least_level else ""
     whole = [marker.values for marker in markers if not np.isnan(marker.values).any()]
     if len(whole) < 4:
         return ""
@@ -175,5 +186,5 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate]) -> str:
     moved = np.median(positions.std(axis=0), axis=0)
     # along a vertical axis the markers move by less than half of what lies between them
     vertical = np.argmax(apart)
-    walks = moved.max() > LIMITS.least_moved * apart[vertical]
+    walks = moved.max() > VERTICAL_AXIS.least_moved * apart[vertical]
     return "xyz"[vertical] if walks and moved[vertical] < 0.5 * apart[vertical] else ""

@@ -17,7 +17,6 @@ from osl_analysis.base.errors import InputError, naming
 from osl_analysis.base.measured import UNIFORM_WIDTH, usual_step
 from osl_analysis.base.source_file import SharedAngle
 from osl_analysis.base.trial import Array, marker_columns
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.signals.plateaus import means_from
 from osl_analysis.stats.linear_fit import linear_fit
@@ -38,6 +37,28 @@ class ClockFit:
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
         return self.offset + (1.0 + self.drift) * time
+
+
+@dataclass(frozen=True)
+class PulseLimits:
+    """What makes a level a pulse train, and two pulse trains one."""
+
+    largest_drift: float = 5e-4  # [s/s] between two crystal clocks
+    # [s/s] standard deviation between two; keeps a short recording plausible
+    usual_drift: float = 1e-4
+    # share of a pulse train's samples near its two levels; of noise it is a twentieth
+    least_certain: float = 0.5
+    least_swing: float = 0.05  # of a line's largest level; less is the last bit of one level
+    # per sample; of the last bit of a level near 0 every second sample is one
+    most_edges: float = 0.2
+    fewest_alike: int = 4  # runs of three edges, which have six edges together
+    outlier: float = 3.5  # standard deviations from the line
+    outlier_rounds: int = 10  # of a search for outliers, which ends where none comes or goes
+    # sampling intervals by which a gate may be longer or shorter than its capture
+    gate_steps: float = 3.0
+
+
+PULSES = PulseLimits()
 
 
 class Edges(NamedTuple):
@@ -61,9 +82,9 @@ def find_edges(time: Array, level: Array) -> Edges:
     is_high = level[certain] > middle
     turns = np.flatnonzero(np.diff(is_high))
     is_pulses = (
-        swing >= LIMITS.least_swing * np.abs(level).max()
-        and certain.size >= LIMITS.least_certain * level.size
-        and turns.size <= LIMITS.most_edges * level.size
+        swing >= PULSES.least_swing * np.abs(level).max()
+        and certain.size >= PULSES.least_certain * level.size
+        and turns.size <= PULSES.most_edges * level.size
     )
     if not is_pulses:
         turns = turns[:0]
@@ -106,16 +127,16 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
     ours = slave.time[:-2][is_alike]
     theirs = master.time[np.asarray(row)[is_alike]]
     offsets = theirs - ours
-    width = sampling + LIMITS.largest_drift * np.ptp(master.time)
+    width = sampling + PULSES.largest_drift * np.ptp(master.time)
     votes = np.sort(offsets)
     count = np.searchsorted(votes, votes + width, side="right") - np.arange(votes.size)
     best = count.max(initial=0)
     peak = votes[count == best].min(initial=np.inf)
     runner_up = count[abs(votes - peak) > width].max(initial=0)
-    if best < LIMITS.fewest_alike or runner_up > best // 2:
+    if best < PULSES.fewest_alike or runner_up > best // 2:
         raise InputError(
             f"{best} runs of three sync edges agree with the other recorder's on one offset and"
-            f" {runner_up} on another, {LIMITS.fewest_alike} and twice as many are needed",
+            f" {runner_up} on another, {PULSES.fewest_alike} and twice as many are needed",
             "check the sync cable and whether both files are of one trial, let the pulses vary,"
             " or record longer",
         )
@@ -148,13 +169,13 @@ def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
     outweigh it. The differences of the times are fitted, so that large times lose no digits."""
     difference = second - first
     used = np.ones(first.size, dtype=bool)
-    for _ in range(LIMITS.outlier_rounds):
+    for _ in range(PULSES.outlier_rounds):
         centre, level = first[used].mean(), difference[used].mean()
-        information = ((first[used] - centre) ** 2).sum() + (noise / LIMITS.usual_drift) ** 2
+        information = ((first[used] - centre) ** 2).sum() + (noise / PULSES.usual_drift) ** 2
         drift = ((first[used] - centre) * (difference[used] - level)).sum() / information
         residuals = difference - (level + drift * (first - centre))
         spread = scipy.stats.median_abs_deviation(residuals[used], scale="normal")
-        is_near = abs(residuals) <= LIMITS.outlier * max(spread, noise)
+        is_near = abs(residuals) <= PULSES.outlier * max(spread, noise)
         if (is_near == used).all():
             break
         used = is_near
@@ -186,7 +207,7 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
     edges, is_rising, step = pulses
     capture_step = usual_step(time)
     length = np.ptp(time) + capture_step
-    slack = LIMITS.gate_steps * max(step, capture_step) + LIMITS.largest_drift * length
+    slack = PULSES.gate_steps * max(step, capture_step) + PULSES.largest_drift * length
     starts = edges[:-1][is_rising[:-1] & (np.abs(np.diff(edges) - length) <= slack)]
     if starts.size != 1:
         raise InputError(
@@ -197,6 +218,24 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
         )
     uniform = np.hypot(step, capture_step) / UNIFORM_WIDTH
     return ClockFit(-starts[0], residual=uniform, edges=2, method="gate")
+
+
+@dataclass(frozen=True)
+class SharedAngleLimits:
+    """What tells a lag by an angle that two recorders share."""
+
+    fewest_samples: int = 48  # samples; fewer fit anywhere
+    # of a recording's variance, at least, where it hardly moves: noise would fit
+    quiet_share: float = 0.05
+    least_overlap: float = 0.5  # share of the shorter recording
+    # lack of fit at the best lag over that at any other, or over 1, that of no signal
+    most_alike: float = 0.85
+    steps: int = 6  # Gauss-Newton steps to offset and drift, each a tenth of the one before or less
+    # [s] of a mean: a spline through means is right to 0.001 of a sine of 6 Hz
+    short_mean_s: float = 0.02
+
+
+SHARED_ANGLE = SharedAngleLimits()
 
 
 def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
@@ -212,7 +251,7 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     time, values = short_means(slave)
     master_time, master_values = short_means(master)
     spline = scipy.interpolate.CubicSpline(master_time, master_values)
-    for _ in range(LIMITS.clock_steps):
+    for _ in range(SHARED_ANGLE.steps):
         at = clock.to_master(time)
         inside = (at >= master_time[0]) & (at <= master_time[-1])
         middle = time[inside].mean()
@@ -233,7 +272,7 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
 
 def short_means(signal: Signal) -> Signal:
     """Means of times and values over `short_mean_s`."""
-    rows = max(round(LIMITS.short_mean_s / usual_step(signal[0])), 1)
+    rows = max(round(SHARED_ANGLE.short_mean_s / usual_step(signal[0])), 1)
     begins = np.arange(0, signal[0].size, rows)
     time, values = (means_from(begins, each) for each in signal)
     return time, values
@@ -242,13 +281,13 @@ def short_means(signal: Signal) -> Signal:
 def likely_offset(slave: Signal, master: Signal) -> float:
     """The offset [s] at which a straight line through one signal's means leaves least of the
     other's SD, its lack of fit; errors as `correlate_clocks`."""
-    step = LIMITS.short_mean_s
+    step = SHARED_ANGLE.short_mean_s
     means = []  # of both, every `step` from the first sample on
     for time, values in (slave, master):
-        if time.size < LIMITS.fewest_shared or np.ptp(values) == 0:
+        if time.size < SHARED_ANGLE.fewest_samples or np.ptp(values) == 0:
             raise InputError(
                 "the shared signal of one recorder is constant or has fewer than"
-                f" {LIMITS.fewest_shared} samples",
+                f" {SHARED_ANGLE.fewest_samples} samples",
                 "check the channel and its sensor, or record longer",
             )
         on_grid = np.interp(np.arange(time[0], time[-1], step), *short_means((time, values)))
@@ -259,7 +298,7 @@ def likely_offset(slave: Signal, master: Signal) -> float:
     offset = master[0][0] - slave[0][0] + step * (best + 1 - means[0].size)
     lack_of_fit = np.sqrt(1 - min(shared[best], 1.0))
     elsewhere = np.sqrt(1 - shared[others].max(initial=0.0))
-    if lack_of_fit > LIMITS.most_alike * elsewhere:
+    if lack_of_fit > SHARED_ANGLE.most_alike * elsewhere:
         raise InputError(
             f"the shared signal fits at a lag of {offset:.2f} s, where {lack_of_fit:.2g} of its SD"
             f" is left, hardly better than elsewhere, {elsewhere:.2g}",
@@ -279,11 +318,11 @@ def shared_variance(ours: Array, theirs: Array) -> Array:
     count = np.rint(sums(their_rows, our_rows))
     our_sum = sums(their_rows, ours)
     their_sum = sums(theirs, our_rows)
-    quiet = LIMITS.quiet_share * count**2
+    quiet = SHARED_ANGLE.quiet_share * count**2
     our_power = np.maximum(count * sums(their_rows, ours**2) - our_sum**2, quiet * ours.var())
     their_power = np.maximum(count * sums(theirs**2, our_rows) - their_sum**2, quiet * theirs.var())
     covariance = count * sums(theirs, ours) - our_sum * their_sum
-    overlaps = count >= LIMITS.least_overlap * min(ours.size, theirs.size)
+    overlaps = count >= SHARED_ANGLE.least_overlap * min(ours.size, theirs.size)
     return np.where(overlaps, covariance**2 / (our_power * their_power), 0.0)
 
 

@@ -23,12 +23,22 @@ from osl_analysis.base.source_file import (
 )
 from osl_analysis.base.trial import COUNTER, Array, unit_of
 from osl_analysis.base.units import quantity, si_factor
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.turning import BESIDE, told_of_turns, turns_beside
 
 # facts on a sensor, which the provenance has in SI units, and a clock of its own
 OF_SENSOR = {"delay", "low_pass", "resolution", "range", "time"}
 LARGEST_COUNT = 2 / np.finfo(float).eps  # floats hold whole numbers exactly below it
+
+
+@dataclass(frozen=True)
+class StaleStamps:
+    """Rows whose stamp is of another time, which are left out."""
+
+    largest_share: float = 0.001  # of the rows; of more of them, the clock itself goes back
+    far_steps: float = 50.0  # usual steps by which a stamp goes back; late messages are nearer
+
+
+STALE_STAMPS = StaleStamps()
 
 
 @dataclass(frozen=True)
@@ -324,9 +334,9 @@ def fresh_rows(
     late = np.maximum.accumulate(stamps) - stamps
     early = stamps - np.minimum.accumulate(stamps[::-1])[::-1]
     back = min(late, early, key=np.count_nonzero)
-    far = max(least, LIMITS.far_steps * np.median(np.abs(np.diff(stamps))))
+    far = max(least, STALE_STAMPS.far_steps * np.median(np.abs(np.diff(stamps))))
     is_stale = back > (0.0 if skips else far)
-    share = MOST_DAMAGED if skips else LIMITS.largest_stale_share
+    share = MOST_DAMAGED if skips else STALE_STAMPS.largest_share
     if not 0 < is_stale.sum() <= share * stamps.size:
         return np.arange(stamps.size), []
     left_out = f"rows with a stamp of another time are left out: {rows.counted(is_stale)}"

@@ -7,6 +7,7 @@ as in C3D files.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,20 @@ from osl_analysis.base.recording import EXPORTED, MEASURED_BY_TYPE, Plate
 from osl_analysis.base.source_file import PlateUnits, Source
 from osl_analysis.base.trial import Array, plate_columns
 from osl_analysis.base.units import si_factor
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted, check_finite_values
 from osl_analysis.signals.filters import longest_of
 from osl_analysis.signals.plateaus import repeats, run_at_extreme
+
+
+@dataclass(frozen=True)
+class UsedPlate:
+    """From which change of its force a plate was stepped on."""
+
+    force_N: float = 50.0  # [N]; a force that changes by less is of no foot
+    share: float = 0.2  # of its range: where a force changes by this, every channel should
+
+
+USED_PLATE = UsedPlate()
 
 
 def convert_plates(
@@ -162,7 +173,7 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
     load
         Size of the force (samples,) [N].
     """
-    least = max(LIMITS.used_share * np.ptp(load), LIMITS.used_N)
+    least = max(USED_PLATE.share * np.ptp(load), USED_PLATE.force_N)
     judged = plate.channels[:3] if has_point(raw) else plate.channels
     facts = []
     for channel, values in zip(judged, raw.T, strict=False):

@@ -4,6 +4,7 @@ recordings of a bench that no fit can use are refused."""
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
 
@@ -15,8 +16,44 @@ from osl_analysis.base.errors import Change, InputError
 from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, rms, spoiled, varies
 from osl_analysis.base.trial import Array, Trial, unit_of
 from osl_analysis.base.units import si_factor
-from osl_analysis.ingest import LIMITS
 from osl_analysis.signals.grid import origin
+
+# Largest possible size of a value, by its SI unit
+LARGEST: Mapping[str, float] = {
+    "m": 1e3,  # no laboratory is a kilometre long
+    "rad": 1e6,  # 160 000 turns
+    "rad/s": 1e5,  # a million turns per minute
+    "N": 1e6,  # the weight of a hundred tonnes
+    "N*m": 1e7,  # moments of a plate in N*mm pass; the centre of pressure shows that error better
+    "A": 1e5,
+    "V": 1e6,  # counts of a 16-bit converter declared as V pass
+    "N*m/rad": 1e8,
+    "N*m*s/rad": 1e8,
+    "N*m/kg": 1e6,
+    "1": 1e9,  # counts of a converter
+}
+# Units that are declared for one another, by SI unit, the most usual ones first
+CONFUSED_UNITS: Mapping[str, Sequence[str]] = {
+    "rad": ("rad", "deg", "mrad"),
+    "N*m": ("N*m", "N*mm", "N*cm"),
+    "s": ("s", "ms", "us", "ns"),
+}
+
+
+@dataclass(frozen=True)
+class PossibleRecording:
+    """What no recording of a joint exceeds."""
+
+    # share of a stated range; electronics reach a little further than data sheets
+    beyond_range: float = 0.01
+    # [rad] of an angle's range, half a degree; no recording of a joint has less
+    smallest_motion_rad: float = 0.0087
+    shortest_step_s: float = 1e-5  # [s]; no recorder of a joint is faster than 100 kHz
+    # share of its range that an angle jumps where an encoder begins anew
+    of_beginning_anew: float = 0.9
+
+
+POSSIBLE = PossibleRecording()
 
 
 def check_sizes(samples: pl.DataFrame, origins: Mapping[str, Mapping[str, Any]]) -> None:
@@ -24,9 +61,9 @@ def check_sizes(samples: pl.DataFrame, origins: Mapping[str, Mapping[str, Any]])
     largest possible ones. NaN passes: it marks a value that was not seen."""
     for column, facts in origins.items():
         unit = unit_of(column)
-        bound = LIMITS.largest[unit]
+        bound = LARGEST[unit]
         low, high = facts.get("range", (-bound, bound))
-        slack = LIMITS.beyond_range * (high - low)
+        slack = POSSIBLE.beyond_range * (high - low)
         values = samples[column].to_numpy()
         is_beyond = (values < low - slack) | (values > high + slack)
         if is_beyond.any():
@@ -57,6 +94,34 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
 ANGLES = ("theta", "theta_m", "theta_command")
 
 
+@dataclass(frozen=True)
+class ComputedTorque:
+    """What tells a torque that a program computed from one that a load cell measured."""
+
+    # of a torque's SD; load cells leave more, rounding of both signals less
+    least_of_sensor: float = 6e-4
+    # the same beside a current with its arm and friction, of which no load cell leaves so little
+    least_beside_current: float = 2e-3
+    # the same in the torque's own noise: a load cell leaves twice that, a formula takes the noise
+    # of the current
+    least_of_own_noise: float = 0.3
+    # of the RMS speed, from which friction no longer sets in; a sine is above in half of its time
+    moves_well: float = 1.0
+    # of a load cell's own noise in a torque's; of joints simulated at 40 Hz or more half is left
+    least_of_noise: float = 0.1
+    # of the differences that tell noise; motion of 6 Hz at 50 Hz has 1e-5 of its size in them
+    order_of_noise: int = 8
+    rows_tried: int = 10_000  # that tell a filter; all rows of an hour take as long as the fit
+    # [s] over which rows are summed before they are compared; a tenth of a period of 6 Hz
+    averaged_s: float = 0.016
+    fewest_compared: int = 100  # of these sums
+    most_rows: float = 0.95  # share of them in which a torque is followed
+    highest_power: int = 5  # of a signal that a program takes
+
+
+COMPUTED_TORQUE = ComputedTorque()
+
+
 @np.errstate(all="ignore")  # values of damaged files may be of any size
 def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse a torque that is a function of angle, current and the actuator's speed, or that a
@@ -68,20 +133,22 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
     # each alone and all together, which may be sampled at different times
     for others in dict.fromkeys([*((name,) for name in names), names]):
         time, measured, *values = trial.arrays(torque, *others)
-        if time.size < LIMITS.fewest_compared:
+        if time.size < COMPUTED_TORQUE.fewest_compared:
             continue
-        least = LIMITS.least_of_sensor
+        least = COMPUTED_TORQUE.least_of_sensor
         signals = dict(zip(others, values, strict=True))
         sums = sums_of_formula(time, measured, signals)
         # a load cell has noise of its own, and a simulated joint none
-        noise = noise_of(measured, LIMITS.order_of_noise) / np.std(measured)
+        noise = float(noise_of(measured, COMPUTED_TORQUE.order_of_noise) / np.std(measured))
         of_noise = unexplained_share(rows_of_filter(measured, values)) / min(noise, least)
         of_current = 1.0
         if "current" in signals:
             of_current = unexplained_share(rows_of_current(time, measured, signals, angle or ""))
-        least_of_current = max(LIMITS.least_beside_current, LIMITS.least_of_own_noise * noise)
+        least_of_current = max(
+            COMPUTED_TORQUE.least_beside_current, COMPUTED_TORQUE.least_of_own_noise * noise
+        )
         is_formula = unexplained_share(sums) < least or of_current < least_of_current
-        if is_formula or of_noise < LIMITS.least_of_noise:
+        if is_formula or of_noise < COMPUTED_TORQUE.least_of_noise:
             raise InputError(
                 f"trial {trial.name}: {torque} follows from {' and '.join(others)} more exactly"
                 " than a sensor's noise allows: it is computed, not measured, and a fit gives the"
@@ -97,7 +164,7 @@ def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) ->
     circle."""
     columns = [torque, np.ones_like(torque)]
     for name, values in signals.items():
-        columns += accumulate([values] * LIMITS.highest_power, np.multiply)
+        columns += accumulate([values] * COMPUTED_TORQUE.highest_power, np.multiply)
         if name not in ("current", "omega_m"):
             columns.append(np.gradient(values, time))
     # a formula still holds for sums, and rounding of an angle hardly makes speed
@@ -108,7 +175,7 @@ def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) ->
 
 def rows_averaged(time: Array) -> int:
     """How many rows of times (n,) [s] are averaged."""
-    return max(time.size // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
+    return max(time.size // int(np.ptp(time) / COMPUTED_TORQUE.averaged_s + 1), 1)
 
 
 def rows_of_current(time: Array, torque: Array, signals: Mapping[str, Array], angle: str) -> Array:
@@ -123,17 +190,17 @@ def rows_of_current(time: Array, torque: Array, signals: Mapping[str, Array], an
     columns = [torque, np.ones_like(torque), current, current * turned, current * turned**2]
     moves = np.ones(torque.size, dtype=bool)
     for speed in speeds:
-        moves &= np.abs(speed) >= LIMITS.moves_well * rms(speed)
+        moves &= np.abs(speed) >= COMPUTED_TORQUE.moves_well * rms(speed)
         way = np.sign(speed)
         columns += [way, way * abs(current), speed]
-    step = max(np.count_nonzero(moves) // LIMITS.rows_of_filter, 1)
+    step = max(np.count_nonzero(moves) // COMPUTED_TORQUE.rows_tried, 1)
     return np.array(columns)[:, moves][:, ::step]
 
 
 def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:
     """The rows of a torque (n,) with what a program's filter of first order takes: the torque in
     the row before, and four rows of each signal (n,)."""
-    step = max(torque.size // LIMITS.rows_of_filter, 1)
+    step = max(torque.size // COMPUTED_TORQUE.rows_tried, 1)
     around = [values[k : k - 3 or None : step] for values in signals for k in range(4)]
     now = torque[2:-1:step]
     return np.array([now, np.ones_like(now), torque[1:-2:step], *around])
@@ -144,11 +211,11 @@ def unexplained_share(columns: Array) -> float:
     1 if too short to tell."""
     y, *others = columns[:, np.isfinite(columns).all(axis=0)]
     X = np.column_stack(others)
-    if len(y) < LIMITS.fewest_compared or not varies(y):
+    if len(y) < COMPUTED_TORQUE.fewest_compared or not varies(y):
         return 1.0
     X = X / (np.abs(X).max(axis=0) + SMALLEST_SIGNAL)
     rest = y - X @ np.linalg.lstsq(X, y)[0]
-    return float(np.quantile(np.abs(rest), LIMITS.most_rows) / np.std(y))
+    return float(np.quantile(np.abs(rest), COMPUTED_TORQUE.most_rows) / np.std(y))
 
 
 @np.errstate(all="ignore")  # values of damaged files may be of any size
@@ -162,7 +229,7 @@ def check_recording(
     # The mean step: stamps of a late host come in clusters, and the steps within one are
     # microseconds.
     step = np.ptp(time) / max(len(time) - 1, 1)
-    if 0 < step < LIMITS.shortest_step_s:
+    if 0 < step < POSSIBLE.shortest_step_s:
         raise InputError(
             f"{who} its samples are {step:.2g} s apart",
             "correct the `unit` of `time` in the source file",
@@ -213,7 +280,7 @@ def changes_of_angle(
 ) -> Sequence[Change]:
     """What may mend an angle beyond the largest. None does where it begins anew."""
     turned = recorded(trial, angle)[1]
-    if np.abs(np.diff(turned)).max() > LIMITS.of_beginning_anew * np.ptp(turned):
+    if np.abs(np.diff(turned)).max() > POSSIBLE.of_beginning_anew * np.ptp(turned):
         return ()
     if 0 < half_range(trial, torque) < largest_angle:
         return swapped_channels(trial, angle, torque)
@@ -255,10 +322,10 @@ def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
     declared = origin(trial, columns[0]).get("factor", 1)
     turn = 2 * half_range(trial, "theta") if "theta" in trial.columns else math.inf
     changes: list[Change] = []
-    for unit in LIMITS.confused_units[si_unit]:
+    for unit in CONFUSED_UNITS[si_unit]:
         factor = si_factor(unit, si_unit) / declared
         turned = turn * factor if "theta" in columns else turn
-        if turned > LIMITS.smallest_motion and not math.isclose(factor, 1):
+        if turned > POSSIBLE.smallest_motion_rad and not math.isclose(factor, 1):
             words = f"state `unit: {unit}` of {' and '.join(columns)} in the source file"
             rank = len(changes) if si_unit == "rad" else 0
             changes.append(Change(words, dict.fromkeys(columns, factor), rank=rank))

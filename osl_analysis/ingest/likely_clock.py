@@ -8,6 +8,7 @@ I depend on which of them is right."""
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,6 @@ from osl_analysis.base.units import (
     is_clock,
     normalised,
 )
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import numbers_of
 
 TIME_UNITS = EXAMPLES["s"]  # [s], of clocks
@@ -41,6 +41,20 @@ def is_like_clock(name: str) -> bool:
 def is_of_time(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
     return in_si(normalised(unit))[1] == "s"
+
+
+# Fewest bits of a counter, by its tick in the unit of the readings
+FEWEST_BITS: Mapping[float, int] = {1.0: 8, 1e-3: 16, 1e-6: 16}
+
+
+@dataclass(frozen=True)
+class CounterOverflow:
+    """What makes a fall of readings the overflow of a counter."""
+
+    most_steps: float = 10.0  # usual steps by which a counter may go on where it overflows
+
+
+OVERFLOW = CounterOverflow()
 
 
 def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], str]:
@@ -63,9 +77,9 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], str]:
     """
     steps = np.diff(np.asarray(readings, float))
     falls = -steps[steps < 0]
-    longest = LIMITS.overflow_step * usual_step(readings)
+    longest = OVERFLOW.most_steps * usual_step(readings)
     turns = np.append(0, np.cumsum(steps < 0))
-    for tick, fewest_bits in LIMITS.overflow_bits.items() if falls.size else ():
+    for tick, fewest_bits in FEWEST_BITS.items() if falls.size else ():
         bits = math.ceil(math.log2(falls.max() / tick))
         period = 2**bits * tick
         is_counter = tick < 1 or (readings == np.rint(readings)).all()
@@ -75,15 +89,34 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], str]:
     return readings, ""
 
 
+@dataclass(frozen=True)
+class ClockLimits:
+    """What makes a column a clock, and two clocks different."""
+
+    # [Hz] rates of recorders of joints: less than a factor of 1000
+    recorded_hz: tuple[float, float] = (50.0, 5000.0)
+    fewest_ticks: int = 20  # readings that show whether a column rises like a clock
+    even_step: float = 0.2  # a step differs from the median by less than this share of it
+    even_share: float = 0.8  # of the steps of a clock are even
+    wrong_rate: float = 0.05  # share by which a stated rate may be off a clock before it is refused
+    other_rate: float = 0.01  # share by which a stated rate may be off one that the file states
+    apart: float = 0.005  # share by which two clocks may differ: I is then 1 % wrong
+    most_tried: int = 1000  # first rows of a column that decide whether it may be a clock
+    longest_step: float = 0.06  # share of its span; one of `fewest_ticks` even steps is shorter
+
+
+CLOCK = ClockLimits()
+
+
 def ticks(values: NDArray[Any], unit: str) -> bool:
     """Whether readings (n,) rise like a clock, apart from counter overflows. Without a unit,
     `time_unit` must find one that fits."""
     known = values[np.isfinite(values)]
     steps = np.diff(unwrapped(known)[0])
-    if steps.size < LIMITS.fewest_ticks or not (steps >= 0).all():
+    if steps.size < CLOCK.fewest_ticks or not (steps >= 0).all():
         return False
     usual = np.median(steps)
-    is_even = np.mean(np.abs(steps - usual) < LIMITS.even_step * usual) > LIMITS.even_share
+    is_even = np.mean(np.abs(steps - usual) < CLOCK.even_step * usual) > CLOCK.even_share
     return bool(is_even and (is_of_time(unit) if unit else time_unit(values)))
 
 
@@ -102,9 +135,9 @@ def time_unit(clock: Array) -> str:
     rate = rate_of(clock)
     steps = np.diff(clock)
     counts = rate == 1 and (steps == np.rint(steps)).all()
-    if rate is None or clock.size < LIMITS.fewest_ticks or counts:
+    if rate is None or clock.size < CLOCK.fewest_ticks or counts:
         return ""
-    lowest, highest = LIMITS.recorded_hz
+    lowest, highest = CLOCK.recorded_hz
     units = {**TIME_UNITS, "d": LONG_TIMES["d"]}
     return next((unit for unit, s in units.items() if lowest <= rate / s <= highest), "")
 
@@ -221,16 +254,16 @@ def check_other_clocks(
         span = np.ptp(time[np.isfinite(readings)])
         ratio = span_ratio(steps.sum(), span)
         deviation = abs(ratio - 1)
-        if rate and deviation > LIMITS.wrong_rate:
+        if rate and deviation > CLOCK.wrong_rate:
             rates[f"{key} '{channel.key}'"] = rate / ratio
-        if deviation > LIMITS.clock_apart + steps.max() / steps.sum():
+        if deviation > CLOCK.apart + steps.max() / steps.sum():
             apart[channel.key] = deviation * span / UNIFORM_WIDTH
             remarks.append(
                 f"{key} '{channel.key}' goes on {ratio:.4g} times as fast as time"
                 f" ({source.time.title}): B and I depend on which of them is right"
             )
     for name, other in rates.items():
-        if rate and other and abs(rate / other - 1) > LIMITS.other_rate:
+        if rate and other and abs(rate / other - 1) > CLOCK.other_rate:
             raise InputError(
                 f"`rate: {rate:g}` of time, but the file says {other:.3g} Hz ({name})",
                 "correct the rate, or name that clock under `time`",
@@ -261,6 +294,6 @@ def clocks_beside(
         steps = np.diff(unwrapped(readings[np.isfinite(readings)])[0])
         if steps.size < 2 or not 0 <= steps.min() <= steps.max() > 0:
             continue
-        goes_on = steps.max() <= LIMITS.longest_clock_step * steps.sum()
-        if goes_on and (is_named or ticks(readings[: LIMITS.most_tried], channel.unit)):
+        goes_on = steps.max() <= CLOCK.longest_step * steps.sum()
+        if goes_on and (is_named or ticks(readings[: CLOCK.most_tried], channel.unit)):
             yield channel, readings, steps

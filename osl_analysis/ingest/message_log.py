@@ -4,6 +4,7 @@ different stamps have rows of their own, null in the columns of the others. Noth
 or held."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from osl_analysis.base.errors import InputError, naming
 from osl_analysis.base.recording import SECOND_NS, Recording, Rows
 from osl_analysis.base.source_file import MessageChannel, MessageSource
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
     asked_channels,
@@ -24,6 +24,16 @@ from osl_analysis.ingest.conversion import (
 )
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.signals.filters import longest_run
+
+
+@dataclass(frozen=True)
+class LateMessages:
+    """Messages that were stamped before one that came earlier."""
+
+    most_in_a_row: int = 10  # messages; of more, the clock was set back
+
+
+LATE_MESSAGES = LateMessages()
 
 
 def convert_messages(recording: Recording, source: MessageSource) -> Converted:
@@ -148,7 +158,7 @@ def count_late(stamp: NDArray[np.int64]) -> int:
     """
     back_ns = np.maximum.accumulate(stamp) - stamp
     is_late = back_ns > 0
-    if is_late[longest_run(is_late)].size > LIMITS.most_late:
+    if is_late[longest_run(is_late)].size > LATE_MESSAGES.most_in_a_row:
         row = np.argmax(back_ns)
         raise InputError(
             f"time goes back by {back_ns[row] / SECOND_NS:.6f} s at message {row + 1} of"

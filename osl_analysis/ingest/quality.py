@@ -17,7 +17,6 @@ from osl_analysis.base.errors import InputError, listing
 from osl_analysis.base.measured import UNIFORM_WIDTH, noise_of, spoiled, usual_step
 from osl_analysis.base.trial import Array, Trial, plate_columns
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.force_plates import beside, plate_axes
 from osl_analysis.ingest.guard import ANGLES, recorded
 from osl_analysis.signals.filters import longest_of, run_edges
@@ -115,10 +114,20 @@ def readings_of(trial: Trial, pattern: str) -> dict[str, tuple[Array, Array]]:
 # Sampling, clocks and damage. `judge/findings.yaml` says what each check measures.
 
 
+@dataclass(frozen=True)
+class GapLimits:
+    """What makes a step between stamps a gap."""
+
+    steps: float = 1.5  # usual steps between stamps, from which a sample is missing
+
+
+GAPS = GapLimits()
+
+
 def longest_gap(time: Array, usual: float) -> float:
     """The longest of the steps of stamps (n,) [s] beyond the usual one [s]; 0 if none is a gap."""
     longest = np.diff(time).max(initial=0.0)
-    return longest - usual if longest > LIMITS.gap_steps * usual else 0.0
+    return longest - usual if longest > GAPS.steps * usual else 0.0
 
 
 def measure_rates(examined: Examined) -> dict[str, float]:
@@ -187,6 +196,18 @@ def measure_contradiction(examined: Examined) -> dict[str, float]:
 # The motion that was commanded.
 
 
+@dataclass(frozen=True)
+class ProtocolLimits:
+    """How a recorded motion is compared with its command."""
+
+    most_remarks: int = 20  # differences from the protocol that a remark names
+    # share by which an amplitude differs from its command; benches lose less at their slowest
+    other_size: float = 0.03
+
+
+PROTOCOL = ProtocolLimits()
+
+
 def measure_protocol(examined: Examined) -> CheckResult:
     """Number of differences from the protocol: commanded pairs of amplitude and frequency that are
     missing, runs that were not commanded, and amplitudes of another size. A motion that is no
@@ -216,7 +237,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
     if not (protocol.amplitudes and protocol.frequencies_hz):
         return not_applicable("amplitudes_deg and frequencies_hz are not stated")
     remarks = differences(sines, protocol)
-    return CheckResult(len(remarks), listing(remarks, LIMITS.most_remarks))
+    return CheckResult(len(remarks), listing(remarks, PROTOCOL.most_remarks))
 
 
 def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]:
@@ -232,7 +253,7 @@ def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]
         missing.discard(command)
         amplitude, frequency = command
         ratio = run.amplitude / amplitude
-        if frequency == min(protocol.frequencies_hz) and abs(ratio - 1) > LIMITS.other_size:
+        if frequency == min(protocol.frequencies_hz) and abs(ratio - 1) > PROTOCOL.other_size:
             remarks.append(
                 f"{run} is {ratio:.3g} times the command (if the joint did as commanded, divide"
                 " theta's `scale` by this)"
@@ -247,6 +268,18 @@ def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]
 NOISY = "(torque|torque_m|current)"  # columns that noise keeps changing
 
 
+@dataclass(frozen=True)
+class SensorLimits:
+    """What tells sensors at an end of their range, and those that stand still."""
+
+    clear_change: float = 0.05  # share of a reference's range, which noise of no kind reaches
+    near_end: float = 1e-3  # share of a stated range: a value nearer to its end is at it
+    at_end: int = 5  # samples in a row at an end of the range; noise stands there for two
+
+
+SENSORS = SensorLimits()
+
+
 def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta") -> int:
     """Longest run [samples] of a channel at an end of its stated range, or at its lowest or highest
     value. A channel without noise, as an angle, may rest at an extreme: it is clipped only if the
@@ -257,7 +290,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
     if values.size < 2 or not np.isfinite(values).all():  # the fit refuses it
         return 0
     low, high = origin(trial, column).get("range", (-math.inf, math.inf))
-    near = LIMITS.near_end * (high - low) / 2
+    near = SENSORS.near_end * (high - low) / 2
     at_end = values[longest_of(run_edges((values <= low + near) | (values >= high - near)))].size
     is_angle = column.startswith("theta")
     standing = None
@@ -314,7 +347,7 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
     by = "theta_command" if "theta_command" in trial.columns else "torque"
     reference = recorded(trial, by)
     if turns and reference[0].size:
-        runs = standing_runs(at, angle, reference, LIMITS.clear_change)
+        runs = standing_runs(at, angle, reference, SENSORS.clear_change)
         seconds[examined.moved] = longest_s(at, runs[runs[:, 1] == angle.size])
     elif angle.size and (experiment.motion or experiment.tables):
         seconds[examined.moved] = 0.0 if turns else np.ptp(at)
@@ -325,6 +358,25 @@ def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
     """Time [s] from the first to the last sample of the longest of runs (k, 2) of rows; 0 of
     none."""
     return (np.diff(edges).max() - 1) * usual_step(time) if edges.size else 0.0
+
+
+@dataclass(frozen=True)
+class LeapLimits:
+    """What tells the cause of leaps, and what leaves them out."""
+
+    # [s] that a window leaves out beside a leap; three time constants of the usual low-pass
+    around_s: float = 0.2
+    # of leaps: if as many are of single values, leaving these out mends the trial
+    least_alone: float = 0.75
+    shortest_window_s: float = 1.0  # [s]; a cycle of the slowest usual sine
+    fewest_at_stop: int = 3  # leaps of a torque at one angle: fewer are there by chance
+    # of the range of the angle, SD of the places of a stop; simulated ones have 0.01
+    one_angle: float = 0.05
+    # share by which a step of an angle differs from a turn and passes for one
+    one_turn: float = 0.1
+
+
+LEAPS = LeapLimits()
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:
@@ -339,11 +391,11 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
         is_friction = steps_by_friction(times, angle, recorded(trial, "torque"))
         faults = times[~is_friction]
         # a step beside a fault is the other end of it
-        leaps["torque"] = times[distances(times, faults) <= LIMITS.beside_leap_s]
+        leaps["torque"] = times[distances(times, faults) <= LEAPS.around_s]
     if "torque_m" in leaps:
         steps = find_leaps(*recorded(trial, "current"))
         apart = distances(leaps["torque_m"], steps)
-        leaps["torque_m"] = leaps["torque_m"][apart > LIMITS.beside_leap_s]
+        leaps["torque_m"] = leaps["torque_m"][apart > LEAPS.around_s]
     every = np.sort(np.concatenate([*leaps.values(), []]))
     remedy = ""
     if every.size:
@@ -369,11 +421,11 @@ def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array], at_ra
         return "rows were lost or doubled"
     if of_angle:
         return "the angle froze or slipped, or rows were lost or doubled"
-    if at_rail > LIMITS.at_end:
+    if at_rail > SENSORS.at_end:
         return "the torque stands at an end of its range"
-    if times.size >= LIMITS.fewest_at_stop:
+    if times.size >= LEAPS.fewest_at_stop:
         at = np.interp(times, *angle)
-        if np.std(at) < LIMITS.one_angle * np.ptp(angle[1]):
+        if np.std(at) < LEAPS.one_angle * np.ptp(angle[1]):
             return f"a stop (move it by less) or backlash at {np.rad2deg(at.mean()):.3g} deg"
     return "a sensor failed, or the command jumped"
 
@@ -384,12 +436,12 @@ def remedy_of_leaps(examined: Examined, leaps: Array, cause: str, alone: int) ->
     time = examined.fitted.samples["time"]
     edges = np.array([time[0], *leaps, time[-1]])
     longest = np.argmax(np.diff(edges))
-    first = edges[longest] + LIMITS.beside_leap_s
-    last = edges[longest + 1] - LIMITS.beside_leap_s
+    first = edges[longest] + LEAPS.around_s
+    last = edges[longest + 1] - LEAPS.around_s
     remedy = "exclude the trial"
-    if alone >= LIMITS.least_alone * leaps.size:
+    if alone >= LEAPS.least_alone * leaps.size:
         remedy = f"write `damaged: skip` in the source file, which leaves out {alone} values"
-    elif examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
+    elif examined.experiment.place == "bench" and last - first > LEAPS.shortest_window_s:
         lost = time.len() - time.is_between(first, last).sum()
         remedy = (
             f"state `windows` {first:.1f}-{last:.1f} in the sheet, which leaves out {lost} of"
@@ -403,8 +455,11 @@ def measure_turns(examined: Examined) -> dict[str, float]:
     wraps: dict[str, float] = {}
     for column, (_, angle) in readings_of(examined.trial, f"({'|'.join(ANGLES)})").items():
         turns = np.divide.outer(np.abs(np.diff(angle)), (2 * np.pi, 360.0))
-        wraps[column] = int(np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn))
+        wraps[column] = int(np.count_nonzero(np.abs(turns - 1) < LEAPS.one_turn))
     return wraps
+
+
+FEWEST_MARKERS = 3  # that tell where a cluster stands and how it is turned
 
 
 def measure_marker_gaps(examined: Examined) -> dict[str, float]:
@@ -416,7 +471,7 @@ def measure_marker_gaps(examined: Examined) -> dict[str, float]:
         columns = {f"marker_{name}_x" for name in names}.intersection(samples.columns)
         if columns:
             in_sight = pl.sum_horizontal(pl.col(*columns).is_not_nan())
-            followed = samples.filter(in_sight >= LIMITS.markers_of_pose)["time"].to_numpy()
+            followed = samples.filter(in_sight >= FEWEST_MARKERS)["time"].to_numpy()
             step = usual_step(followed)
             seconds[segment] = longest_gap(followed, step) if followed.size else samples["time"][-1]
     return seconds
@@ -425,16 +480,30 @@ def measure_marker_gaps(examined: Examined) -> dict[str, float]:
 # Force plates.
 
 
+@dataclass(frozen=True)
+class PlateLimits:
+    """What tells a bare plate from a loaded one."""
+
+    part_s: float = 0.2  # [s] of a force, whose level is its mean
+    # [N] largest standard deviation of a plate at rest, and largest level of a bare one
+    at_rest_N: float = 20.0
+    loaded_N: float = 100.0  # [N]; below, noise and a moving platform shift the centre of pressure
+    fewest_loaded: int = 10  # samples
+
+
+PLATES = PlateLimits()
+
+
 def measure_unzeroed_plates(examined: Examined) -> dict[str, float]:
     """Level [N] of a bare plate: the mean over a part at rest that is nearest to zero. A larger
     positive level may be a load, unless the experiment leaves every plate bare at some time."""
     levels = {}
     for plate, (time, force) in readings_of(examined.trial, "(plate.*)_force_z").items():
-        length = max(round(LIMITS.part_s / (usual_step(time) or math.inf)), 1)
+        length = max(round(PLATES.part_s / (usual_step(time) or math.inf)), 1)
         parts = force[: force.size // length * length].reshape(-1, length)
-        quiet = parts[parts.std(axis=1) < LIMITS.at_rest_N].mean(axis=1)
+        quiet = parts[parts.std(axis=1) < PLATES.at_rest_N].mean(axis=1)
         level = min(quiet, key=abs, default=math.inf)
-        if level < LIMITS.at_rest_N or (quiet.size and examined.experiment.bare_plate):
+        if level < PLATES.at_rest_N or (quiet.size and examined.experiment.bare_plate):
             levels[plate] = abs(level)
     return levels
 
@@ -451,8 +520,8 @@ def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
         columns = plate_columns(number)
         axes = plate_axes(corners)
         wrench = np.stack(trial.arrays(*columns)[1:], axis=1)
-        wrench = wrench[wrench[:, :3] @ axes[:, 2] > LIMITS.loaded_N]
-        if len(wrench) >= LIMITS.fewest_loaded:
+        wrench = wrench[wrench[:, :3] @ axes[:, 2] > PLATES.loaded_N]
+        if len(wrench) >= PLATES.fewest_loaded:
             vertical = wrench[:, :3] @ axes[:, 2:]
             point = np.cross(axes[:, 2], wrench[:, 3:]) / vertical
             yield f"plate{number}", corners, point @ axes[:, :2]

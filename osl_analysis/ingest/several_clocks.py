@@ -3,7 +3,7 @@
 as topics are: each with its own rows."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import polars as pl
@@ -12,7 +12,6 @@ from osl_analysis.base.errors import InputError
 from osl_analysis.base.recording import SECOND_NS
 from osl_analysis.base.source_file import Source
 from osl_analysis.base.trial import Trial
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.clock import (
     ClockFit,
     Signal,
@@ -26,6 +25,16 @@ from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.message_log import join_on_stamp
 from osl_analysis.signals.grid import CLOCKED_COLUMNS, sampling_times
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
+
+
+@dataclass(frozen=True)
+class CutLogs:
+    """How differently two hands may stop the logs of a trial."""
+
+    longest_s: float = 1.0  # [s] by which the second log may end before or after the first
+
+
+CUT_LOGS = CutLogs()
 
 
 def joined_clocks(parts: Sequence[Converted]) -> Converted:
@@ -164,7 +173,7 @@ def joined_recordings(
     else:
         remarks.append(remark_on_second(fit, both))
         longer_s = fit.to_master(rows["time"][-1]) - end_s
-        if abs(longer_s) > LIMITS.longest_cut_s:
+        if abs(longer_s) > CUT_LOGS.longest_s:
             shorter = "log" if longer_s > 0 else "log_2"
             remarks.append(
                 f"{shorter} ends {abs(longer_s):.3f} s before the other, which is cut there"

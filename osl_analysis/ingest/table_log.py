@@ -16,7 +16,6 @@ from osl_analysis.base.recording import Channel, End, Kind, Recording, Rows
 from osl_analysis.base.source_file import TableSource
 from osl_analysis.base.trial import Array, check_time, unit_of
 from osl_analysis.base.units import si_factor
-from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
     asked_channels,
@@ -29,9 +28,24 @@ from osl_analysis.ingest.conversion import (
     share_above,
 )
 from osl_analysis.ingest.force_plates import convert_plates
-from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
+from osl_analysis.ingest.guard import POSSIBLE
+from osl_analysis.ingest.likely_clock import CLOCK, check_other_clocks, rate_of, unwrapped
 from osl_analysis.ingest.several_clocks import joined_clocks
 from osl_analysis.ingest.turning import BESIDE, factor_or_nan
+
+
+@dataclass(frozen=True)
+class SlowerChannel:
+    """What makes a channel one of another rate in the rows of a table."""
+
+    # share of the time in steps that are no usual one, of a channel that lacks hardly a sample
+    most_irregular: float = 0.01
+    printed_s: float = 1e-6  # [s] to which exporters round stamps after they interpolated
+    # first rows that tell it; all of an hour would take as long as reading them
+    rows_tried: int = 10_000
+
+
+SLOWER_CHANNEL = SlowerChannel()
 
 
 def with_own_rows(
@@ -58,7 +72,8 @@ def with_own_rows(
     for column, readings in values.items():
         is_sampled = own_samples(time, floats_of(readings))
         count = is_sampled.sum()
-        if rows.count - count > LIMITS.most_irregular * rows.count and keeps_step(time[is_sampled]):
+        is_slower = rows.count - count > SLOWER_CHANNEL.most_irregular * rows.count
+        if is_slower and keeps_step(time[is_sampled]):
             own[column] = np.ma.masked_array(readings, ~is_sampled)
             step_ms = 1e3 * np.median(np.diff(time[is_sampled]))
             remarks[column] = (
@@ -71,11 +86,11 @@ def with_own_rows(
 def keeps_step(stamps: Array) -> bool:
     """Whether stamps (n,) [s] are those of one clock, of which hardly one is missing."""
     steps = np.diff(stamps)
-    if steps.size < LIMITS.fewest_ticks:
+    if steps.size < CLOCK.fewest_ticks:
         return False
     usual = np.median(steps)
     off = np.abs(steps - usual)
-    return bool(off[off > 0.5 * usual].sum() <= LIMITS.most_irregular * steps.sum())
+    return bool(off[off > 0.5 * usual].sum() <= SLOWER_CHANNEL.most_irregular * steps.sum())
 
 
 def own_samples(time: Array, values: Array) -> NDArray[np.bool_]:
@@ -85,9 +100,9 @@ def own_samples(time: Array, values: Array) -> NDArray[np.bool_]:
     if not is_sampled.all():
         time = time[is_sampled]
         values = values[is_sampled]
-    few = slice(LIMITS.rows_of_filter)  # all of an hour would take as long as reading them
+    few = slice(SLOWER_CHANNEL.rows_tried)
     is_of_few = on_line(time[few], values[few])
-    is_often = is_of_few.sum() > LIMITS.most_irregular * is_of_few.size
+    is_often = is_of_few.sum() > SLOWER_CHANNEL.most_irregular * is_of_few.size
     if is_often and keeps_step(time[few][~is_of_few]):
         is_on_line = on_line(time, values)
         if keeps_step(time[~is_on_line]):
@@ -100,9 +115,9 @@ def on_line(time: Array, values: Array) -> NDArray[np.bool_]:
     they are printed."""
     changes = np.abs(np.diff(values))
     printed = changes.min(where=changes > 0, initial=np.inf)
-    slope = (values[2:] - values[:-2]) / np.maximum(time[2:] - time[:-2], LIMITS.shortest_step_s)
+    slope = (values[2:] - values[:-2]) / np.maximum(time[2:] - time[:-2], POSSIBLE.shortest_step_s)
     off = np.abs(values[1:-1] - values[:-2] - slope * (time[1:-1] - time[:-2]))
-    is_near = off <= printed + np.abs(slope) * LIMITS.printed_s
+    is_near = off <= printed + np.abs(slope) * SLOWER_CHANNEL.printed_s
     return np.concatenate([[False], is_near, [False]])[: values.size]
 
 
@@ -206,9 +221,9 @@ def convert_rows(
         ratio = origin["scale"] * origin["factor"] / factor_or_nan(channel.unit, unit_of(column))
         # in the unit of the file no joint could have it, so that the stated one corrects it
         largest = frame[column].abs().max() or 0.0
-        low, high = LIMITS.size_of_joint.get(column, (0.0, np.inf))
+        low, high = SIZE_OF_JOINT.get(column, (0.0, np.inf))
         is_possible = low <= largest / abs(ratio) <= high
-        if is_possible and abs(ratio - 1) > LIMITS.largest_calibration:
+        if is_possible and abs(ratio - 1) > TABLE.largest_calibration:
             origin["unit_of_file"] = channel.unit
 
     plates = recording.plates
@@ -232,6 +247,27 @@ def convert_rows(
     }
     losses = losses_of(recording.loss)
     return Converted(frame, origins, facts, [*warnings, *repeats], losses, table.start_s)
+
+
+# Least and largest value of a joint [N*m, rad]; beyond it another unit is proposed. No recording of
+# a joint turns by less than a quarter of a degree.
+SIZE_OF_JOINT: Mapping[str, tuple[float, float]] = {"torque": (0.0, 1e3), "theta": (0.0044, 1.2)}
+
+
+@dataclass(frozen=True)
+class TableLimits:
+    """What a table of rows may be."""
+
+    most_copied_share: float = 0.1  # of rows that repeat the row before; more were read twice
+    # by which a `scale` corrects a channel that is in the file's unit
+    largest_calibration: float = 0.1
+    coarse_step_s: float = 0.4  # [s] stamps this far apart tell seconds, not samples
+    # rows with one stamp: beyond it the stamps are coarse, or the clock stopped
+    coarse_rows: int = 20
+    coarse_share: float = 0.1  # of the rows with one stamp, as above
+
+
+TABLE = TableLimits()
 
 
 def check_loss(recording: Recording, source: TableSource) -> None:
@@ -273,7 +309,7 @@ def with_stamps_once(
     advice = f"write `repeated: drop` under {source.place('time')}"
     written_once = frame.unique(keep="first", maintain_order=True)
     copied = len(frame) - len(written_once)
-    if copied > LIMITS.most_copied_share * len(frame):
+    if copied > TABLE.most_copied_share * len(frame):
         raise InputError(
             f"{copied} of {len(frame)} {noun}s have time and values of the {noun} before",
             f"{advice}, to read each once",
@@ -409,9 +445,9 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
         return
     _, first, counts = np.unique(time, return_index=True, return_counts=True)
     most = counts.max()
-    tells_seconds = time[-1] > LIMITS.coarse_step_s * counts.size
-    is_coarse = tells_seconds or most > LIMITS.coarse_share * time.size
-    may_repeat = most <= LIMITS.coarse_rows or source.time.repeated == "drop"
+    tells_seconds = time[-1] > TABLE.coarse_step_s * counts.size
+    is_coarse = tells_seconds or most > TABLE.coarse_share * time.size
+    may_repeat = most <= TABLE.coarse_rows or source.time.repeated == "drop"
     if most < time.size and (may_repeat or not is_coarse):
         return
     row = first[counts.argmax()]

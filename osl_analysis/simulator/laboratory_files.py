@@ -3,6 +3,7 @@
 (MCAP)."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from osl_analysis.base.errors import optional_module
 from osl_analysis.base.files import atomic_path
 from osl_analysis.base.trial import Array
-from osl_analysis.simulator.laboratory_settings import MARKERS, PLATE_CHANNELS, RECORDERS
+from osl_analysis.simulator.laboratory_settings import MARKERS, PLATE_CHANNELS
 from osl_analysis.simulator.recorder import leg_samples, rounded_to, write_topics
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
@@ -31,6 +32,26 @@ PLATE_AXES = np.diag([1.0, 1.0, -1.0])[[1, 0, 2]]
 TEXT_TYPE = -1  # C3D's types are bytes per element, -1 for characters
 WHOLE_NUMBER_TYPE = 2
 REAL_TYPE = 4
+
+
+@dataclass(frozen=True)
+class Recorders:
+    """What the recorders of the laboratory do beyond their imperfections."""
+
+    high: float = 5.0  # [V] of the synchronisation line and the trigger
+    trigger_s: float = 0.02  # for which the trigger is high
+    # shortest and longest between two changes of the synchronisation line
+    sync_interval_s: tuple[float, float] = (0.06, 0.25)
+    # in which a marker is occluded, shortest and longest
+    short_gap_s: tuple[float, float] = (0.007, 0.04)
+    long_gap_s: tuple[float, float] = (0.05, 0.2)
+    long_gap_share: float = 0.25  # of all gaps
+    # share of a period of the leg's clock that rounding put before the first sample, or after the
+    # last
+    clock_margin: float = 1e-6
+
+
+RECORDERS = Recorders()
 
 
 def write_leg_log(

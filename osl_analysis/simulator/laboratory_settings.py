@@ -7,8 +7,8 @@ Effects of the leg's controller are the campaign's.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
@@ -55,9 +55,27 @@ ANKLE_MOMENT: Sequence[Bump] = WALKER["ankle_moment"]
 GROUND_REACTION: Mapping[str, Sequence[Bump]] = WALKER["ground_reaction"]
 
 
-NOMINAL = SimpleNamespace(**WALKER["gait"])  # what is the same in every campaign
-UNLOADED = SimpleNamespace(**WALKER["unloaded"])
-RECORDERS = SimpleNamespace(**WALKER["recorders"])
+@dataclass(frozen=True)
+class NominalGait:
+    """Level walking, as it is the same in every campaign."""
+
+    ankle_height: float = 0.08  # [m] of the ankle's centre above the floor
+    ankle_half_width: float = 0.042  # [m] from the ankle's centre to the markers on its axis
+    heel: float = -0.06  # [m] place of the pivot on the floor, forward of the ankle's centre
+    ball: float = 0.13  # [m] as of the heel
+    pitch_at_strike_deg: float = 18.0  # toes up
+    pitch_at_toe_off_deg: float = -58.0
+    stance_edge: float = 0.08  # share of stance, in which the load comes and goes
+    foot_flat: tuple[float, float] = (0.12, 0.60)  # phases of stance between which it lies flat
+    clearance: float = 0.04  # [m] by which the ankle is lifted in mid-swing
+    upward: float = 0.74  # of body weight, throughout stance
+    roll_lever: float = 0.004  # [m] of the load about the foot's forward axis
+    spin_moment: float = 0.03  # [N*m/kg] about the foot's upward axis
+    release_s: float = 0.3  # after toe-off in which the foot leaves the platform's motion
+    yield_s: float = 0.2  # after the onset within which the shank yields
+
+
+NOMINAL = NominalGait()
 
 
 class WalkingEffects(Settings):

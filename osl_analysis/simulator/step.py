@@ -20,7 +20,6 @@ from osl_analysis.simulator.laboratory_settings import (
     ANKLE_ANGLE,
     GROUND_REACTION,
     NOMINAL,
-    UNLOADED,
     Bump,
     WalkingSettings,
 )
@@ -248,6 +247,19 @@ def ramped_platform(
     held = pulse(trial.time, onset, slowness * ramp.rise_s, back, ramp.return_s)
     angle = size * np.radians(ramp.angle_deg) * held
     return PlatformMotion(angle, turned(angle, trial.walking), command, onset)
+
+
+@dataclass(frozen=True)
+class UnloadedTrial:
+    """How the platform moves in a trial without a foot on it, which tells the plate's inertia."""
+
+    command_s: float = 0.5  # after the start
+    hold_s: float = 0.5  # from the onset until it returns
+    shift: tuple[float, float, float] = (0.012, 0.008, 0.006)  # [m] along each axis
+    tilt_deg: float = 2.0  # about the forward axis
+
+
+UNLOADED = UnloadedTrial()
 
 
 def unloaded_platform(trial: GaitTrial) -> PlatformMotion:

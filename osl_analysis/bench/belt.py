@@ -16,7 +16,7 @@ from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.motion import blocks_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
-from osl_analysis.bench.regression import Model, fit_groups, gram_sums, offset_and_drift
+from osl_analysis.bench.regression import Model, least_squares, gram_sums, offset_and_drift
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals.filters import runs
 from osl_analysis.signals.grid import BRIDGE_MORE, uniform_signals
@@ -55,7 +55,7 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
     Raises
     ------
     InputError, IdentifiabilityError
-        As `branches_of` and `fit_groups`, or the bench is softer than the belt.
+        As `branches_of` and `least_squares`, or the bench is softer than the belt.
     """
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings)
     low_pass = settings.low_pass
@@ -118,7 +118,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
     for branch in BRANCHES:
         of_branch = s.chosen(s.groups.of(branch))
         of_ramp = of_branch.estimates([*model.values()], "ramp")
-        fit = fit_groups(of_branch, model)
+        fit = least_squares(of_branch, model)
         fits[branch] = fit.with_known_error("load_cell_drift", drift * of_ramp)
     return Analysis(record, s, model, fits, "loading")
 

@@ -140,8 +140,8 @@ def other_stamps(analysis: Analysis, name: str) -> list[Contribution]:
 
 
 @dataclass(frozen=True)
-class WhatElse:
-    """What a recording tells beside Eq. 15."""
+class Evidence:
+    """What was weighed of a recording: belt, candidate models, friction, range over the motion."""
 
     analysis: Analysis  # Eq. 15 itself
     belt: Belt  # of a leg
@@ -151,14 +151,14 @@ class WhatElse:
     gains_are_known: bool  # and tell a wrong gain of torque over angle
 
 
-def over_motion(found: WhatElse, name: str) -> list[Contribution]:
+def over_motion(evidence: Evidence, name: str) -> list[Contribution]:
     """Half of the range of an estimate over the motion. Half of its change from the smallest to the
     largest amplitude, beyond their noise, has a name, too: friction lowers B, and K with it; a
     stiffening spring, or backlash, changes K alone."""
-    if name not in found.ranges:
+    if name not in evidence.ranges:
         return []
-    sizes = {"amplitude": np.ptp(found.ranges[name]) / 2}  # over frequencies, too
-    fits = found.analysis.fits
+    sizes = {"amplitude": np.ptp(evidence.ranges[name]) / 2}  # over frequencies, too
+    fits = evidence.analysis.fits
     labels = sorted(label for label in fits if isinstance(label, float))
     if len(labels) > 1:
         small, large = fits[labels[0]], fits[labels[-1]]
@@ -178,16 +178,16 @@ def over_motion(found: WhatElse, name: str) -> list[Contribution]:
     ]
 
 
-def certain_lag(found: WhatElse, name: str) -> list[Contribution]:
+def certain_lag(evidence: Evidence, name: str) -> list[Contribution]:
     """What the certain lag of a leg's torque takes off B and I.
 
     exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
     """
-    lag = found.belt.lag
+    lag = evidence.belt.lag
     if lag is None or not lag.certain("lag_s") or name == "K":
         return []
     lag_s = lag["lag_s"]
-    whole = found.analysis.whole
+    whole = evidence.analysis.whole
     by = whole["K"] * lag_s
     if name == "I":
         by = (whole["B"] + by / 2) * lag_s
@@ -195,22 +195,22 @@ def certain_lag(found: WhatElse, name: str) -> list[Contribution]:
     return [Contribution("late_torque", abs(by), basis="measured", part="fault", detail=detail)]
 
 
-def unchecked(found: WhatElse, name: str, weighed: Sequence[Contribution]) -> list[Contribution]:
+def unchecked(evidence: Evidence, name: str, weighed: Sequence[Contribution]) -> list[Contribution]:
     """What this recording does not tell of an estimate, by source, beside what its candidate models
     have been `weighed` to."""
-    record = found.analysis.record
+    record = evidence.analysis.record
     settings = record.settings
-    K, B, I = (found.analysis.whole[each] for each in QUANTITIES)
+    K, B, I = (evidence.analysis.whole[each] for each in QUANTITIES)
     rows = []
     of_path = sum(
         each.probability for each in weighed if each.source == "torque_path" and each.size
     )
-    lag = found.belt.lag
+    lag = evidence.belt.lag
     # a belt that tells the lag so badly that it may be a tenth of B
     is_untold = lag is None or K * lag.half_width("lag_s") > LARGE_DELAY * abs(B)
     if is_untold and "delay" not in stated_models(record) and of_path < LIKELY:
         rows.append(unknown("late_torque", "ms", B=1e-3 * K, I=1e-3 * B))
-    if not settings.calibration.torque_gain and not found.gains_are_known:
+    if not settings.calibration.torque_gain and not evidence.gains_are_known:
         rows.append(unknown("wrong_gain", "%", K=0.01 * K, B=0.01 * B, I=0.01 * I))
     # channels of one clock have the same rate
     rates = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
@@ -219,34 +219,34 @@ def unchecked(found: WhatElse, name: str, weighed: Sequence[Contribution]) -> li
     if settings.fixture is None:
         rows.append(unknown("fixture_inertia", "N*m", K=1.0))
         rows.append(unknown("fixture_inertia", "kg*m^2", I=1.0))
-    if found.joint is None:
+    if evidence.joint is None:
         rows.append(unknown("change_over_time", K=0.0))
-    if found.friction.is_untold:
+    if evidence.friction.is_untold:
         rows.append(unknown("friction", B=0.0))
     return [of_source[name] for of_source in rows if name in of_source]
 
 
-def with_other_contributions(found: WhatElse, own: Mapping[str, Budget]) -> dict[str, Budget]:
+def with_other_contributions(evidence: Evidence, own: Mapping[str, Budget]) -> dict[str, Budget]:
     """The estimates of a whole trial with what another motion, a fault, and what was not checked
     would change, source by source; and, where friction is certain, those without it, and what it
     changes."""
-    stated = stated_models(found.analysis.record)
-    less = found.friction.without
+    stated = stated_models(evidence.analysis.record)
+    less = evidence.friction.without
     complete = dict(own)
     if less and "T_C" in less.names:
         complete["f_C"] = less.budget("T_C")
     for k, name in enumerate(QUANTITIES):
-        weighed = alternatives(found.joint, stated, k, own[name].value)
+        weighed = alternatives(evidence.joint, stated, k, own[name].value)
         common = [
-            *other_stamps(found.analysis, name),
-            *certain_lag(found, name),
+            *other_stamps(evidence.analysis, name),
+            *certain_lag(evidence, name),
             *weighed,
-            *unchecked(found, name, weighed),
+            *unchecked(evidence, name, weighed),
         ]
-        complete[name] = own[name].plus(*over_motion(found, name), *common)
+        complete[name] = own[name].plus(*over_motion(evidence, name), *common)
         if less:
             without = WITHOUT_FRICTION[name]
-            complete[without] = less.budget(name).plus(*over_motion(found, without), *common)
+            complete[without] = less.budget(name).plus(*over_motion(evidence, without), *common)
             half = abs(own[name].value - less[name]) / 2
             complete[name] = complete[name].plus(
                 Contribution("friction", half, basis="measured", part="motion")

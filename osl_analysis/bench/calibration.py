@@ -24,7 +24,7 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
     Model,
-    fit_groups,
+    least_squares,
     gram_sums,
     sums_of,
 )
@@ -107,7 +107,7 @@ def measured_frame(trial: Trial, record: Record) -> LinearFit | None:
     ).T
     columns = {"load": torque, "one": np.ones_like(torque)}
     sums = gram_sums(replace(record, torque=wound, filtered_torque=filtered), columns)
-    fit = fit_groups(sums, {"compliance": "load", "offset": "one"})
+    fit = least_squares(sums, {"compliance": "load", "offset": "one"})
     stiffness = 1 / fit["compliance"]
     frame = fit.derived({"frame_stiffness": (stiffness, {"compliance": -(stiffness**2)})})
     return frame if frame.interval("frame_stiffness")[0] > 0 else None
@@ -139,7 +139,7 @@ def calibration_table(
     InputError
         Nothing is known, and it is no fixture alone.
     IdentifiabilityError
-        As `fit_groups`.
+        As `least_squares`.
     """
     row, budgets = known_row(analysis, known, frame) if known else fixture_row(analysis, stated)
     of_trial = {"trial": analysis.record.name, **row, **analysis.diagnostics(None)}

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.budgets import (
-    WhatElse,
+    Evidence,
     fit_tables,
     half_width_of,
     with_other_contributions,
@@ -146,7 +146,7 @@ def impedance_table(
         is_of_gains = (
             rendered.VAF > analysis.whole.vaf or rendered.VAF_with_friction > with_friction.vaf
         )
-    found = what_else(analysis, s, p, is_of_gains, bool(gains))
+    evidence = weigh_alternatives(analysis, s, p, is_of_gains, bool(gains))
 
     # what all rows have
     other_excitation = "periodic" if record.periodic else "other"
@@ -155,7 +155,7 @@ def impedance_table(
         "excitation": "stepped sine" if record.groups.kind == "cycles" else other_excitation,
         "band_low_hz": record.band_hz[0],
         "band_high_hz": record.band_hz[1],
-        "K_s_ratio": found.belt.K_s_ratio,
+        "K_s_ratio": evidence.belt.K_s_ratio,
         "angle_too_small": unit_of_step(record.encoder_step),
     }
     if expected:
@@ -175,13 +175,13 @@ def impedance_table(
         if desired.K_d is not None and desired.B_d is not None:
             row["torque_error"] = torque_error(analysis.sums, label, desired.K_d, desired.B_d)
         budgets = analysis.budgets(label, *QUANTITIES)
-        if found.belt.lag:
-            budgets["lag_s"] = found.belt.lag.budget("lag_s")
+        if evidence.belt.lag:
+            budgets["lag_s"] = evidence.belt.lag.budget("lag_s")
         if label is None:
             for name in (*QUANTITIES, WITHOUT_FRICTION["B"]):
-                ends = found.ranges.get(name, (None, None))
+                ends = evidence.ranges.get(name, (None, None))
                 row[f"{name}_range_low"], row[f"{name}_range_high"] = ends
-            budgets = with_other_contributions(found, budgets)
+            budgets = with_other_contributions(evidence, budgets)
             if rendered:
                 row["VAF_rendered"] = rendered.VAF
                 budgets.update(rendered.budgets)
@@ -219,13 +219,13 @@ def damping_gap() -> pl.Expr:
     return apart.sign() * certain / pl.col("K").abs()
 
 
-def what_else(
+def weigh_alternatives(
     analysis: Analysis,
     s: Sums,
     p: DrivetrainParameters | None,
     is_of_gains: bool,
     gains_are_known: bool,
-) -> WhatElse:
+) -> Evidence:
     """What a recording tells beside Eq. 15: of a leg its belt, of a joint the candidate models, and
     of both dry friction and the range over the motion."""
     record = analysis.record
@@ -238,7 +238,7 @@ def what_else(
     else:
         joint = inferred_of_joint(record)
         friction = friction_of_joint(s, analysis, joint)
-    return WhatElse(
+    return Evidence(
         analysis=analysis,
         belt=belt,
         joint=joint,

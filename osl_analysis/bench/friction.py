@@ -25,7 +25,7 @@ from osl_analysis.bench.regression import (
     Model,
     Sums,
     columns_of,
-    fit_groups,
+    least_squares,
     gram_sums,
     sums_of,
     with_effects,
@@ -124,7 +124,7 @@ def with_errors_of(analysis: Analysis, fit: LinearFit) -> LinearFit:
 def friction_beside(s: Sums, model: Model) -> LinearFit:
     """Fit of a model with friction, and with the higher derivatives of the angle that the motion
     determines: without these a linear drivetrain's deviation from Eq. 15 passes for friction of
-    0.4 N*m. Raises as `fit_groups`."""
+    0.4 N*m. Raises as `least_squares`."""
     for higher in (("jerk", "snap"), ("jerk",)):
         with suppress(IdentifiabilityError):
             return with_effects(s, model, "T_C", *higher)
@@ -136,7 +136,7 @@ def without_friction(s: Sums, model: Model, friction: LinearFit) -> LinearFit:
     it, and this friction `T_C` [N*m]. Its error is one of the other estimates, too, by what
     friction of 1 N*m adds to each of them."""
     T_C = friction["T_C"]
-    fit = fit_groups(s.less("T_C", T_C), model)
+    fit = least_squares(s.less("T_C", T_C), model)
     by_friction = np.append(-s.estimates([*model.values()], "T_C"), 1.0)
     standard, freedom = friction.budget("T_C").spread()
     of_friction = standard**2 * np.outer(by_friction, by_friction)
@@ -229,7 +229,7 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> DryF
     torques = kappa * (theta_m - bounds.mean(axis=0))
     of_hysteresis = kappa * (bounds[0, 0] - bounds[1, 0]) / 2
     sums = gram_sums(coarse, {**columns, "T_C": torques[0]}, record.angle_noise)
-    fit = fit_groups(sums.less("T_C", 1.0), IMPEDANCE)
+    fit = least_squares(sums.less("T_C", 1.0), IMPEDANCE)
     by_torque = np.linalg.pinv(X[:, rows].T)
     of_blocks = deviations(torques[:, rows] @ by_torque.T)
     of_formula = MISSED_OF_FRICTION * (analysis.whole.estimates - fit.estimates)

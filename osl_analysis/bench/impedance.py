@@ -23,7 +23,7 @@ from osl_analysis.bench.regression import (
     Sums,
     columns_of,
     fast_signals,
-    fit_groups,
+    least_squares,
     fitted_products,
     friction_column,
     gram_sums,
@@ -147,7 +147,7 @@ def rendered_impedance(record: Record) -> Analysis:
     Returns
     -------
     Analysis
-        torque = K theta + B omega + I alpha + offset + drift (`IMPEDANCE`), by `fit_groups`.
+        torque = K theta + B omega + I alpha + offset + drift (`IMPEDANCE`), by `least_squares`.
 
     Raises
     ------
@@ -157,13 +157,13 @@ def rendered_impedance(record: Record) -> Analysis:
         The motion cannot tell K, B and I.
     """
     with naming(f"trial {record.name}"):
-        analysis = analysed(record, IMPEDANCE)
+        analysis = fit_all_groups(record, IMPEDANCE)
         if record.groups.kind != "cycles":
             check_encoder(analysis)
         return analysis
 
 
-def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis:
+def fit_all_groups(record: Record, model: Model, sums: Sums | None = None) -> Analysis:
     """Fit a model to all of a record and to each label that determines it.
 
     Parameters
@@ -178,7 +178,7 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
     Raises
     ------
     IdentifiabilityError
-        As `fit_groups`.
+        As `least_squares`.
     """
     if sums is None:
         sums = gram_sums(record, columns_of(record), record.angle_noise)
@@ -195,7 +195,7 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
                     f"excite it below {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well,"
                     f" {STIFFNESS_ALONE}",
                 )
-            fits[label] = fit_groups(sums.chosen(sums.groups.of(label)), model)
+            fits[label] = least_squares(sums.chosen(sums.groups.of(label)), model)
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
             if label is None:
                 raise
@@ -204,7 +204,7 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
         columns = {name: column[::step] for name, column in sums.columns.items()}
         fits = with_encoder_errors(record, columns, model, fits)
     other = record.with_other_stamps
-    others = analysed(other, model) if other is not None else None
+    others = fit_all_groups(other, model) if other is not None else None
     return Analysis(record, sums, model, fits, other=others)
 
 
@@ -434,7 +434,7 @@ def range_over(parts: Sequence[Sums], *reported: LinearFit) -> dict[str, tuple[f
     fits = []
     for part in parts:
         with suppress(IdentifiabilityError):
-            fits.append(fit_groups(part, IMPEDANCE))
+            fits.append(least_squares(part, IMPEDANCE))
     if not fits:
         return {}
     fits.extend(reported)

@@ -17,7 +17,7 @@ from osl_analysis.bench.regression import (
     TRANSMISSION,
     Model,
     columns_of,
-    fit_groups,
+    least_squares,
     gram_sums,
 )
 from osl_analysis.inference.spectra import slipping_springs
@@ -78,7 +78,7 @@ def late_fit(
     Raises
     ------
     InputError, IdentifiabilityError
-        As `fit_groups`.
+        As `least_squares`.
     """
     of_model = np.column_stack([columns[name] for name in model.values()])
     shapes = {"lag_s": columns["one"]}
@@ -94,7 +94,7 @@ def late_fit(
         in_time = replace(coarse, filtered_torque=torque, torque=torque)
         slope = seven_point_motion(modelled, coarse.rate_hz).omega
         late = {name: -slope * shape for name, shape in shapes.items()}
-        fit = fit_groups(gram_sums(in_time, {**columns, **late}), late_model, EFFECTS_LIMIT)
+        fit = least_squares(gram_sums(in_time, {**columns, **late}), late_model, EFFECTS_LIMIT)
         modelled = of_model @ fit.estimates[: len(model)]
         lags = np.clip(lags + fit.estimates[len(model) :], -LONGEST_LAG, LONGEST_LAG)
         has_ended = abs(fit["lag_s"]) < SEARCH_ROUNDING

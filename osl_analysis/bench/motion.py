@@ -56,7 +56,7 @@ def record_of_trial(
     settings: SteppedSineAnalysis,
     windows: str | None = None,
     excitation: str | None = None,
-    beside: Collection[str] = (),
+    extra_columns: Collection[str] = (),
 ) -> Record:
     """The record of a trial.
 
@@ -73,15 +73,15 @@ def record_of_trial(
         Which part is fitted [s], as `2-30 40-62`; states that it is another motion.
     excitation
         Kind of motion, by default from the settings; `auto` decides by the recording.
-    beside
-        Columns of the actuator that are recorded beside, as far as the trial has them.
+    extra_columns
+        Columns of the actuator to be brought on the same rows, as far as the trial has them.
 
     Raises
     ------
     InputError
         A signal is missing, has no time base, or does not move.
     """
-    signals = uniform_signals(trial, ("theta", "torque"), settings, beside)
+    signals = uniform_signals(trial, ("theta", "torque"), settings, extra_columns)
     excitation = excitation or getattr(settings, "excitation", "stepped_sine")
     if excitation == "auto" and windows:
         excitation = "any"
@@ -121,7 +121,7 @@ def record_of_trial(
     measured = signals.signals
     rate_hz = signals.rate_hz
     same = settings.low_pass
-    actuator = {name: same(measured[name], rate_hz) for name in beside if name in measured}
+    actuator = {name: same(measured[name], rate_hz) for name in extra_columns if name in measured}
     if "theta_m" in actuator:  # behind a wide filter too, for the velocity's sign
         wide = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, HIGHEST_CUTOFF * rate_hz))
         actuator["wide_band_theta_m"] = wide(measured["theta_m"], rate_hz)

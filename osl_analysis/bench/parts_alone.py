@@ -17,7 +17,7 @@ from osl_analysis.base.trial import Array, Trial
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_models
 from osl_analysis.bench.friction import coulomb_fit, inferred_of_joint
-from osl_analysis.bench.impedance import Analysis, analysed
+from osl_analysis.bench.impedance import Analysis, fit_all_groups
 from osl_analysis.bench.motion import blocks_of
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record, unlike_groups
@@ -148,7 +148,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         actuator={moved: raw},
     )
     check_prompt(columns, record.filtered_torque, moving, rate)
-    return analysed(record, ACTUATOR_ALONE, gram_sums(record, columns))
+    return fit_all_groups(record, ACTUATOR_ALONE, gram_sums(record, columns))
 
 
 def check_prompt(
@@ -229,7 +229,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
         rate_hz=(len(time) - 1) / float(time[-1] - time[0]),
         settings=settings,
     )
-    return analysed(record, model, gram_sums(record, columns))
+    return fit_all_groups(record, model, gram_sums(record, columns))
 
 
 def actuator_table(actuator: Analysis) -> dict[str, pl.DataFrame]:

@@ -352,7 +352,7 @@ def sums_of(record: Record, expected: Stiffness | None = None, width: float = SI
     return gram_sums(coarse, columns, record.angle_noise)
 
 
-def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearFit:
+def least_squares(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearFit:
     """Fit the torque by least squares (Eq. 15), with the interval of the same motion again. Each
     part of a period counts once, however often it was recorded: K, B and I of a leg are those of
     whole periods.
@@ -426,6 +426,6 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
 
 
 def with_effects(s: Sums, model: Model, *effects: str) -> LinearFit:
-    """Fit of a model with the columns of effects. Raises as `fit_groups`."""
+    """Fit of a model with the columns of effects. Raises as `least_squares`."""
     with_columns = {**model, **{name: name for name in effects}}
-    return fit_groups(s, with_columns, EFFECTS_LIMIT)
+    return least_squares(s, with_columns, EFFECTS_LIMIT)

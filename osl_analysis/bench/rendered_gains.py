@@ -41,7 +41,7 @@ from osl_analysis.bench.regression import (
     SLOW,
     Model,
     Sums,
-    fit_groups,
+    least_squares,
     friction_column,
     gram_sums,
     offset_and_drift,
@@ -278,7 +278,7 @@ def described(
     )
     rendered = with_torque_errors(step, X, torques).derived(leg.impedance_slopes())
 
-    linear = fit_groups(leg.sums, leg.linear_model)
+    linear = least_squares(leg.sums, leg.linear_model)
     residual = leg.residual.filtered_torque[rows]
     unexplained = residual - X[:, : len(leg.linear_model)] @ linear.estimates
     left = residual - X @ step.estimates

@@ -12,7 +12,7 @@ From a recording to K, in the order in which a maintainer reads:
    moves. `bench/record.py`: angle and torque behind one filter.
 4. `bench/regression.py`: normal equations of groups, estimates, standard errors
    (`stats/linear_fit.py`). `bench/impedance.py`: Eq. 15 for each amplitude and all of them.
-5. `bench/evidence.py`, `what_else`: what else may make K, which is of a leg its belt
+5. `bench/evidence.py`, `weigh_alternatives`: what else may make K, which is of a leg its belt
    (`bench/lags.py`), of a joint the candidate models (`inference/`), of both dry friction
    (`bench/friction.py`) and the range over the motion.
 6. `bench/budgets.py` makes rows of a budget of it, `stats/budget.py` sums these to the interval and
@@ -45,7 +45,7 @@ from osl_analysis.bench.evidence import (
     impedance_table,
 )
 from osl_analysis.bench.frequency_response import response_table, with_errors
-from osl_analysis.bench.impedance import analysed, rendered_impedance
+from osl_analysis.bench.impedance import fit_all_groups, rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
 from osl_analysis.bench.plausibility import computed_torque, gear_told, plausible, speed_alone
@@ -118,7 +118,7 @@ def fit_impedance_trial(
         cut, shifted_windows = of_joint.cut_to(windows)
         if is_broken_outside(of_joint, cut, settings.time_base.longest_gap_s):
             of_joint, windows = cut, shifted_windows
-    record = record_of_trial(of_joint, settings, windows, beside=("theta_m", "current"))
+    record = record_of_trial(of_joint, settings, windows, extra_columns=("theta_m", "current"))
     analysis = rendered_impedance(record)  # K, B and I, with what this motion tells of them
 
     # what else the recording tells, and what is to be expected of the device
@@ -187,7 +187,7 @@ def fit_transmission_trial(
     p = known_parameters(parameters, ["B_j", "J_j"])
     trial, rails = ready_to_fit(trial, settings)
     record = record_of_trial(trial, settings, excitation="stepped_sine")
-    analysis = analysed(record, TRANSMISSION)
+    analysis = fit_all_groups(record, TRANSMISSION)
     tables = transmission_table(analysis)
     table = plausible(tables["transmission"], rails, p, "B_j", "J_j")
     tables = {**tables, "transmission": table.with_columns(fixture_column(trial))}
@@ -246,7 +246,7 @@ def fit_calibration_trial(
         stiffness = calibration.stiffness_to_state(frame)
         settings = settings.model_copy(update={"bench_stiffness": stiffness})
         record = record_of_trial(trial, settings)
-    analysis = analysed(record, IMPEDANCE)
+    analysis = fit_all_groups(record, IMPEDANCE)
     tables = calibration.calibration_table(analysis, known, frame, stated_fixture)
     table = tables["calibration"].with_columns(rails, fixture_column(trial))
     tables = {**tables, "calibration": table}

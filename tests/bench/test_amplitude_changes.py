@@ -12,7 +12,7 @@ from conftest import least_squares_alone
 from shipped import CONFIG
 
 from osl_analysis.base.trial import Trial
-from osl_analysis.bench.budgets import WhatElse, over_motion
+from osl_analysis.bench.budgets import Evidence, over_motion
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats.linear_fit import LinearFit
@@ -125,7 +125,7 @@ def test_half_of_a_change_over_amplitudes_is_friction_s_or_a_spring_s(changes, n
     large = of_amplitude(100 + changes["K"], 5 + changes["B"])
     analysis = SimpleNamespace(fits={4.0: large, 2.0: of_amplitude(100.0, 5.0), None: large})
     ranges = {name: (change, -change) for name, change in changes.items()}
-    found = WhatElse(analysis, None, None, None, ranges, False)
+    found = Evidence(analysis, None, None, None, ranges, False)
 
     for name, change in changes.items():
         sizes = {row.source: row.standard for row in over_motion(found, name)}

@@ -10,7 +10,7 @@ from conftest import least_squares_alone, refused_with, white_noise
 from osl_analysis.base.trial import Trial
 from osl_analysis.bench import belt as belt_fits
 from osl_analysis.bench.bench_settings import BeltAnalysis
-from osl_analysis.bench.impedance import analysed
+from osl_analysis.bench.impedance import fit_all_groups
 from osl_analysis.bench.parts_alone import transmission_table
 from osl_analysis.bench.regression import TRANSMISSION
 from osl_analysis.figures.fig3 import points as belt_points
@@ -164,7 +164,7 @@ def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope():
 
 def losses(torque_of):
     """The last row of the transmission table of a torque, and the rows of its budget."""
-    tables = transmission_table(analysed(stepped_sine(torque_of), TRANSMISSION))
+    tables = transmission_table(fit_all_groups(stepped_sine(torque_of), TRANSMISSION))
     return tables["transmission"].row(-1, named=True), tables["budget"]
 
 
@@ -176,7 +176,7 @@ def test_a_late_torque_of_a_transmission_hides_inertia_and_is_found():
         return 0.45 * (m.omega - delay_s * m.alpha) + 0.005 * (m.alpha - delay_s * jerk)
 
     record = stepped_sine(torque, 0.01)
-    tables = transmission_table(analysed(record, TRANSMISSION))
+    tables = transmission_table(fit_all_groups(record, TRANSMISSION))
     row = tables["transmission"].row(-1, named=True)
 
     late = tables["budget"].filter(estimate="J_j", source="torque_path", detail="delay")

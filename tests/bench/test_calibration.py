@@ -32,7 +32,7 @@ from osl_analysis.bench.bench_settings import (
 )
 from osl_analysis.bench.calibration import SPRING_LOSS, with_fixture
 from osl_analysis.bench.friction import coulomb_fit
-from osl_analysis.bench.impedance import analysed
+from osl_analysis.bench.impedance import fit_all_groups
 from osl_analysis.bench.regression import IMPEDANCE, SHARP_WIDTH, sums_of
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.judge.wording import finding_text
@@ -52,7 +52,7 @@ def fit_of(record=SOUND, **stated):
         changes = {"fixture": Fixture(**stated)}
     else:
         changes = {"calibration": Calibration(**stated)}
-    return analysed(with_settings(record, **changes), IMPEDANCE).calibrated[None]
+    return fit_all_groups(with_settings(record, **changes), IMPEDANCE).calibrated[None]
 
 
 LATE = np.interp(SOUND.time - 1e-3, SOUND.time, SOUND.torque)
@@ -110,7 +110,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     fits = []
     for stated in ({}, {"torque_gain": 0.02}, {"hysteresis": 0.02}):
         own = with_settings(record, calibration=Calibration(**stated))
-        analysis = analysed(own, IMPEDANCE)
+        analysis = fit_all_groups(own, IMPEDANCE)
         fits.append(coulomb_fit(sums_of(own), analysis).without)
     plain, gain, loop = fits
     more = [
@@ -128,7 +128,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
 def test_friction_of_a_tenth_of_the_width_is_off_by_its_standard_error():
     sharp = stepped_sine(lambda m: second_order(m) + np.tanh(m.omega / SHARP_WIDTH), 1e-4, FIVE)
 
-    fit = coulomb_fit(sums_of(sharp), analysed(sharp, IMPEDANCE)).without
+    fit = coulomb_fit(sums_of(sharp), fit_all_groups(sharp, IMPEDANCE)).without
 
     (error,) = fit.budget("B").of_source("friction_sign")
     assert error.standard == pytest.approx(abs(fit["B"] - 4), rel=0.1)

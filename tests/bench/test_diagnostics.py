@@ -18,7 +18,7 @@ from shipped import CONFIG
 from shipped import LEG as P
 
 from osl_analysis.base.trial import Trial
-from osl_analysis.bench.budgets import WhatElse, certain_lag
+from osl_analysis.bench.budgets import Evidence, certain_lag
 from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
@@ -181,7 +181,7 @@ def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     lag = LinearFit(("lag_s",), *numbers)
 
     analysis = SimpleNamespace(whole={"K": 300.0, "B": 2.0})
-    found = WhatElse(analysis, Belt(lag=lag), None, None, {}, False)
+    found = Evidence(analysis, Belt(lag=lag), None, None, {}, False)
 
     assert not certain_lag(found, "K")
     assert certain_lag(found, "B")[0].standard == pytest.approx(3)

@@ -19,7 +19,7 @@ from osl_analysis.bench.frequency_response import (
     response_table,
     with_errors,
 )
-from osl_analysis.bench.impedance import analysed
+from osl_analysis.bench.impedance import fit_all_groups
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE
 
@@ -36,7 +36,7 @@ def eq15(frequency_hz):
 
 
 def table_of_record(record):
-    return response_table(analysed(record, IMPEDANCE))
+    return response_table(fit_all_groups(record, IMPEDANCE))
 
 
 def holds(table, name, truth):
@@ -147,7 +147,7 @@ def test_stiffness_and_damping_stand_at_a_stated_frequency():
     rng = np.random.default_rng(1)
     record = recorded(rng, chirp(rng)[1])
 
-    table = response_table(analysed(record, IMPEDANCE), 3.3)
+    table = response_table(fit_all_groups(record, IMPEDANCE), 3.3)
 
     row = table.filter("is_headline").row(0, named=True)
     assert row["frequency_hz"] == 3.3

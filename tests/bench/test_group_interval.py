@@ -10,7 +10,7 @@ from bench_synthetic import second_order, stepped_sine
 from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.bench.friction import without_friction
 from osl_analysis.bench.record import Groups, Record, Stratum, unlike_groups
-from osl_analysis.bench.regression import IMPEDANCE, fit_groups, gram_sums, sums_of
+from osl_analysis.bench.regression import IMPEDANCE, least_squares, gram_sums, sums_of
 from osl_analysis.signals.filters import Motion
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 
@@ -41,7 +41,7 @@ def test_what_does_not_repeat_itself_is_left_out_one_at_a_time():
     first = 10.0 * np.arange(9)
     x, torque, s = made_sums(rng, unlike_groups(first, first + 10), rng.standard_normal(9))
 
-    fit = fit_groups(s, LINE)
+    fit = least_squares(s, LINE)
 
     X = np.column_stack([x, np.ones(90)])
     every = np.linalg.pinv(X)
@@ -77,7 +77,9 @@ def test_what_repeats_itself_has_the_spread_of_its_noise_alone(kind, strata):
         rng = np.random.default_rng(7)  # the same motion
         x = np.tile(rng.standard_normal(10), len(stratum))
         noise = np.random.default_rng(seed).standard_normal(len(x))
-        fit = fit_groups(line_sums(x, (3 + np.repeat(lack_of_fit, 10)) * x + noise, groups), LINE)
+        fit = least_squares(
+            line_sums(x, (3 + np.repeat(lack_of_fit, 10)) * x + noise, groups), LINE
+        )
         found.append(fit["K"])
         standard_errors.append(fit.se("K"))
 
@@ -91,7 +93,7 @@ def test_odd_and_even_cycles_agree_within_intervals_that_no_edge_widens():
     s = sums_of(rubbing)
     is_odd = np.arange(len(s.gram)) % 2 == 1
 
-    odd, even = (fit_groups(s.chosen(half), IMPEDANCE) for half in (is_odd, ~is_odd))
+    odd, even = (least_squares(s.chosen(half), IMPEDANCE) for half in (is_odd, ~is_odd))
 
     for name in "KBI":
         apart = abs(odd[name] - even[name])
@@ -106,9 +108,9 @@ def test_an_estimate_less_its_friction_has_the_freedom_of_both_errors():
     x, sign = rng.standard_normal((2, 120))
     torque = 3 * x + 0.5 * sign + rng.standard_normal(120)
     s = line_sums(x, torque, unlike_groups(first, first + 10), T_C=sign)
-    told = fit_groups(s, {**LINE, "T_C": "T_C"})
+    told = least_squares(s, {**LINE, "T_C": "T_C"})
     friction = replace(told, degrees_of_freedom=np.full(3, 2.0))
-    alone = fit_groups(s.less("T_C", friction["T_C"]), LINE)
+    alone = least_squares(s.less("T_C", friction["T_C"]), LINE)
 
     fit = without_friction(s, LINE, friction)
 

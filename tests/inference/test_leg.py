@@ -26,7 +26,7 @@ def record(tmp_path_factory):
     folder = tmp_path_factory.mktemp("leg")
     log = osl.simulate_trial(folder, "impedance_K300_B5.0_uncompensated")
     return record_of_trial(
-        osl.read_recording(*log), CONFIG.dynamometer, beside=["theta_m", "current"]
+        osl.read_recording(*log), CONFIG.dynamometer, extra_columns=["theta_m", "current"]
     )
 
 

@@ -16,7 +16,7 @@ from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.motion import blocks_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
-from osl_analysis.bench.regression import Model, least_squares, gram_sums, offset_and_drift
+from osl_analysis.bench.regression import Model, gram_sums, least_squares, offset_and_drift
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals.filters import runs
 from osl_analysis.signals.grid import BRIDGE_MORE, uniform_signals

@@ -24,8 +24,8 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
     Model,
-    least_squares,
     gram_sums,
+    least_squares,
     sums_of,
 )
 from osl_analysis.signals.grid import origin, uniform_signals

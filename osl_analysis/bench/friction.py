@@ -25,8 +25,8 @@ from osl_analysis.bench.regression import (
     Model,
     Sums,
     columns_of,
-    least_squares,
     gram_sums,
+    least_squares,
     sums_of,
     with_effects,
 )

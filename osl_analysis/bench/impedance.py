@@ -23,10 +23,10 @@ from osl_analysis.bench.regression import (
     Sums,
     columns_of,
     fast_signals,
-    least_squares,
     fitted_products,
     friction_column,
     gram_sums,
+    least_squares,
 )
 from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.inference.spectra import noise_and_band

@@ -17,8 +17,8 @@ from osl_analysis.bench.regression import (
     TRANSMISSION,
     Model,
     columns_of,
-    least_squares,
     gram_sums,
+    least_squares,
 )
 from osl_analysis.inference.spectra import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection

@@ -41,9 +41,9 @@ from osl_analysis.bench.regression import (
     SLOW,
     Model,
     Sums,
-    least_squares,
     friction_column,
     gram_sums,
+    least_squares,
     offset_and_drift,
     with_effects,
 )

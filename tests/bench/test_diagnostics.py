@@ -91,7 +91,7 @@ def leg(
 
 
 def record_of_leg(trial):
-    return record_of_trial(trial, SETTINGS, beside=["theta_m"])
+    return record_of_trial(trial, SETTINGS, extra_columns=["theta_m"])
 
 
 def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():

@@ -10,7 +10,7 @@ from bench_synthetic import second_order, stepped_sine
 from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.bench.friction import without_friction
 from osl_analysis.bench.record import Groups, Record, Stratum, unlike_groups
-from osl_analysis.bench.regression import IMPEDANCE, least_squares, gram_sums, sums_of
+from osl_analysis.bench.regression import IMPEDANCE, gram_sums, least_squares, sums_of
 from osl_analysis.signals.filters import Motion
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 

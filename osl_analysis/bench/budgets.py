@@ -5,7 +5,7 @@ another motion, and what nobody has checked would change.
 The sources have their words in `judge/findings.yaml`.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,19 +74,24 @@ def half_width_of(name: str) -> pl.Expr:
 
 
 def stated_models(record: Record) -> set[str]:
-    """The candidate models that what is stated of the bench rules out. A known spring shows the
-    delay, the low-pass and the frame at once."""
+    """The candidate models that what is stated of the bench rules out.
+
+    A delay that was inferred, as from the beat of a held channel, rules out none. A known spring
+    shows the delay, the low-pass and the frame at once.
+    """
     settings = record.settings
     stated: set[str] = set()
-    if any(each["delay_s"] for each in record.streams):
-        stated.add("delay")
     if settings.bench_stiffness is not None:
         stated.add(SPRING)
     if settings.calibration.tells_delay:
         stated.update(("delay", "low-pass", SPRING))
     taken = record.signals.taken if record.signals else ()
-    if any("low_pass" in facts for part in taken for facts in part.stream.stated.values()):
-        stated.add("low-pass")
+    for part in taken:
+        for sensor in part.stream.stated.values():
+            if "delay" in sensor:  # a stated 0 is a statement, too
+                stated.add("delay")
+            if "low_pass" in sensor:
+                stated.add("low-pass")
     return stated
 
 
@@ -195,26 +200,33 @@ def certain_lag(evidence: Evidence, name: str) -> list[Contribution]:
     return [Contribution("late_torque", abs(by), basis="measured", part="fault", detail=detail)]
 
 
-def unchecked(evidence: Evidence, name: str, weighed: Sequence[Contribution]) -> list[Contribution]:
-    """What this recording does not tell of an estimate, by source, beside what its candidate models
-    have been `weighed` to."""
+def has_clocks_of_several_rates(record: Record) -> bool:
+    """Whether devices with stamps of their own have rates that differ, which brings them on one
+    clock. The rate of a held channel is inferred from where its values change, and is no clock."""
+    taken = record.signals.taken if record.signals else ()
+    of_clocks = [
+        stream["ppm"]
+        for part, stream in zip(taken, record.streams, strict=True)
+        if part.held is None and stream["ppm"] is not None
+    ]
+    return bool(np.ptp(of_clocks or [0.0]))
+
+
+def unchecked(evidence: Evidence, name: str) -> list[Contribution]:
+    """What this recording does not tell of an estimate, by source. Only a statement, or a
+    measurement by another sensor, takes a source out; what the candidate models infer does not."""
     record = evidence.analysis.record
     settings = record.settings
     K, B, I = (evidence.analysis.whole[each] for each in QUANTITIES)
     rows = []
-    of_path = sum(
-        each.probability for each in weighed if each.source == "torque_path" and each.size
-    )
     lag = evidence.belt.lag
     # a belt that tells the lag so badly that it may be a tenth of B
     is_untold = lag is None or K * lag.half_width("lag_s") > LARGE_DELAY * abs(B)
-    if is_untold and "delay" not in stated_models(record) and of_path < LIKELY:
+    if is_untold and "delay" not in stated_models(record):
         rows.append(unknown("late_torque", "ms", B=1e-3 * K, I=1e-3 * B))
     if not settings.calibration.torque_gain and not evidence.gains_are_known:
         rows.append(unknown("wrong_gain", "%", K=0.01 * K, B=0.01 * B, I=0.01 * I))
-    # channels of one clock have the same rate
-    rates = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
-    if not np.ptp(rates or [0.0]):
+    if not has_clocks_of_several_rates(record):
         rows.append(unknown("clocks_disagree", "%", B=0.01 * B, I=0.02 * I))
     if settings.fixture is None:
         rows.append(unknown("fixture_inertia", "N*m", K=1.0))
@@ -241,7 +253,7 @@ def with_other_contributions(evidence: Evidence, own: Mapping[str, Budget]) -> d
             *other_stamps(evidence.analysis, name),
             *certain_lag(evidence, name),
             *weighed,
-            *unchecked(evidence, name, weighed),
+            *unchecked(evidence, name),
         ]
         complete[name] = own[name].plus(*over_motion(evidence, name), *common)
         if less:

@@ -94,8 +94,8 @@ class Analysis:
         return {label: self.with_bench_errors(fit, label) for label, fit in self.fits.items()}
 
     def with_bench_errors(self, own: LinearFit, label: Label) -> LinearFit:
-        """Add what is stated of the bench to the intervals of a fit: the errors of its calibration,
-        its stiffness and its fixture, to first order.
+        """Add what is stated or inferred of the bench to the intervals of a fit: the errors of its
+        calibration, its stiffness, its fixture, and of a held channel's delay, to first order.
 
         Parameters
         ----------
@@ -106,8 +106,12 @@ class Analysis:
         """
         record = self.record
         settings = record.settings
-        is_stated = settings.calibration != NOT_STATED or settings.fixture is not None
-        if not is_stated and settings.bench_stiffness is None:
+        is_stated = (
+            settings.calibration != NOT_STATED
+            or settings.fixture is not None
+            or settings.bench_stiffness is not None
+        )
+        if not is_stated and not record.inferred_delay_error:
             return own
         rows = record.is_fitted(label)
         columns = dict(self.sums.columns)
@@ -216,7 +220,7 @@ def bench_torques(
     rows: NDArray[np.bool_ | np.intp],
 ) -> list[tuple[str, Array]]:
     """Errors of the torque (n,) [N*m] by one standard uncertainty of what is stated of the bench,
-    with their sources, in the fitted rows.
+    or of a delay that a held channel's beat tells, with their sources, in the fitted rows.
 
     Parameters
     ----------
@@ -240,6 +244,9 @@ def bench_torques(
         ("hysteresis", hysteresis),
         ("delay", delay),
     ]
+    if record.inferred_delay_error:
+        slope = np.gradient(record.filtered_torque, 1 / record.rate_hz)
+        torques.append(("held_delay", record.inferred_delay_error * slope))
     if fixture is not None:
         sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
         torques += [

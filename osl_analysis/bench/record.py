@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.base.measured import visible_step
+from osl_analysis.base.measured import UNIFORM_WIDTH, visible_step
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.inference.spectra import HIGHEST_OF_RATE
@@ -142,6 +142,15 @@ class Record:
     def streams(self) -> Sequence[Mapping[str, Any]]:
         """What the recorders did, by the names of `timebase.csv`."""
         return self.signals.streams if self.signals else ()
+
+    @property
+    def inferred_delay_error(self) -> float:
+        """Standard uncertainty [s] of the delay between angle and torque that the beat of a held
+        channel tells; 0 where none is inferred."""
+        if self.signals is None:
+            return 0.0
+        widths = [part.beat_width for part in self.signals.taken]
+        return float(np.linalg.norm(widths)) / UNIFORM_WIDTH
 
     @cached_property
     def encoder_step(self) -> float:

@@ -136,6 +136,9 @@ class Taken:
     # rows per value if the log repeats each; None: every row has its own value
     held: float | None = None
     unsure: float = 0.0  # [s] by which held values may be older than assumed
+    # width [s] of what the beat of two rates leaves open of a delay that it tells, as a rectangular
+    # distribution; 0: stated, or no delay is inferred
+    beat_width: float = 0.0
     # whether a grid has the time and the rate of these samples, and no row in their gaps
     leads: bool = True
 
@@ -285,6 +288,7 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
         delay=stated.get("delay", 0.0) + (-low if is_even else step / 2),
         held=held.period,
         unsure=0.0 if is_known else open_s,
+        beat_width=max(open_s, 0.0) if is_known and "delay" not in stated else 0.0,
         leads=name not in stream.beside,
     )
 

@@ -34,6 +34,7 @@ IN_INTERVAL: tuple[Part, ...] = ("repeatability", "sensor", "bench")
 Basis = Literal["measured", "stated", "assumed", "bound", "weighed"]
 OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
     "encoder": ("sensor", "measured"),
+    "held_delay": ("sensor", "measured"),
     "friction": ("bench", "measured"),
     "friction_sign": ("bench", "assumed"),
     "friction_shape": ("bench", "weighed"),
@@ -44,6 +45,7 @@ OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
 }
 """Part and basis of known errors; others are stated of the bench."""
 OF_ONE_TRIAL = (
+    "held_delay",
     "friction",
     "friction_sign",
     "friction_shape",

@@ -24,7 +24,10 @@ from osl_analysis.base.trial import Array
 SECOND_NS = 1_000_000_000
 EXPORTED = 0  # type of a plate whose force and moment were exported in the laboratory's axes
 MEASURED_BY_TYPE: Any = own_yaml(Path(__file__).with_name("plates.yaml"))
-"""By type of plate, what its channels measure in SI units; those of type 4 when calibrated."""
+"""By type of plate, what its channels measure in SI units; those of types 4 and 5 when
+calibrated."""
+CALIBRATED_CHANNELS = {4: 6, 5: 8}
+"""By type, the channels that a calibration matrix turns into three forces and three moments."""
 
 
 class Kind(StrEnum):
@@ -171,7 +174,7 @@ class Plate:
     Attributes
     ----------
     type
-        1 to 4 of the C3D manual (FORCE_PLATFORM). `EXPORTED`: force and moment were exported in the
+        1 to 5 of the C3D manual (FORCE_PLATFORM). `EXPORTED`: force and moment were exported in the
         laboratory's axes; its channels are Fx, Fy, Fz, Mx, My, Mz and, where the moment is about a
         point that moves, the coordinates of that point.
     corners
@@ -182,7 +185,8 @@ class Plate:
     channels
         Its analog channels, in the order of the type.
     calibration
-        Shape (6, 6) for type 4, in N and N times `length_unit` per unit of the channels.
+        Shape (6, 6) for type 4, (6, 8) for type 5, in N and N times `length_unit` per unit of the
+        channels, such as V.
     sign
         -1 where the file has the force on the plate in place of the force on the foot.
     facts

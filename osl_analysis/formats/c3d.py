@@ -17,10 +17,11 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, PositiveInt
+from pydantic import AfterValidator, Field, PositiveInt, model_validator
 
 from osl_analysis.base.errors import InputError, listing, naming
 from osl_analysis.base.recording import (
+    CALIBRATED_CHANNELS,
     EXPORTED,
     MEASURED_BY_TYPE,
     Channel,
@@ -43,14 +44,17 @@ from osl_analysis.base.source_file import (
 )
 from osl_analysis.base.trial import Array
 from osl_analysis.base.units import LengthUnit
-from osl_analysis.base.yaml_settings import Settings, check_distinct
+from osl_analysis.base.yaml_settings import Settings, check_distinct, misplaced
 from osl_analysis.formats.text_cells import decoded, of_length
 
 BLOCK_BYTES = 512  # bytes
 HEADER_WORDS = 65536  # numbers of 16 bits, in which the header counts
-INTEL = b"\x54"  # code of the number format that is read
+INTEL = 84
+DEC = 85
+MIPS = 86
+BYTE_ORDERS = {INTEL: "<", DEC: "<", MIPS: ">"}  # by the code of the processor
 TEXT = -1
-PARAMETER_TYPES = {np.dtype(kind).itemsize: kind for kind in ("u1", "<i2", "<f4")}  # of parameters
+PARAMETER_TYPES = {1: "u1", 2: "i2", 4: "f4"}  # of numbers, by their size [bytes]
 # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 CONTINUATIONS = ("", *"23456789")
 STATE_PLATE = (
@@ -59,6 +63,10 @@ STATE_PLATE = (
     " Fz, Mx, My, Mz, their origin in its axes, as [0, 0, -40] mm if below the surface, and its"
     " corners in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of these"
 )
+CHANNELS_BY_TYPE = {
+    kind: CALIBRATED_CHANNELS.get(kind, len(measured))
+    for kind, measured in MEASURED_BY_TYPE.items()
+}
 PLATE_LABEL = re.compile(r"(?i)(?:^|[^a-z])([FM][xyz])\d*$")  # `Force.Fx1`
 
 Parameters = Mapping[str, "Array | list[str]"]
@@ -74,15 +82,32 @@ class C3dChannel(ChannelSettings):
 class PlateGeometry(Settings):
     """A force plate that the file does not describe."""
 
-    type: Literal[1, 2, 3] = 2
+    type: Literal[1, 2, 3, 4, 5] = 2
     """Type of the C3D manual: 1 force, centre of pressure and free moment, 2 force and moment about
-    the plate's origin, 3 the eight forces of Kistler."""
+    the plate's origin, 3 the eight forces of Kistler, 4 six and 5 eight channels that `calibration`
+    turns into force and moment."""
     # Labels of its channels, or their numbers from 1, in the order of the type.
     channels: tuple[ColumnName, ...]
     # Of the surface, in the file's axes and unit of length, in the order of FORCE_PLATFORM:CORNERS.
     corners: tuple[Corner, Corner, Corner, Corner]
     # FORCE_PLATFORM:ORIGIN, in the file's unit of length.
     origin: Corner = (0.0, 0.0, 0.0)
+    calibration: tuple[tuple[float, ...], ...] = ()
+    """Rows Fx, Fy, Fz [N per unit of a channel], Mx, My, Mz [N times the file's unit of length per
+    unit of a channel] of a plate of type 4 or 5, with a number for each channel."""
+
+    @model_validator(mode="after")
+    def _calibration_of_its_type(self) -> "PlateGeometry":
+        channels = CALIBRATED_CHANNELS.get(self.type, 0)
+        columns = [len(row) for row in self.calibration]
+        if columns != [channels] * (6 if channels else 0):
+            raise misplaced(
+                f"type {self.type} has a calibration of 6 rows of {channels} numbers"
+                if channels
+                else f"type {self.type} has no calibration: types 4 and 5 have one",
+                "calibration",
+            )
+        return self
 
 
 class C3dSource(LaboratorySource):
@@ -114,6 +139,7 @@ class Header:
     first_frame: int  # as the laboratory counts
     frames: int
     rate_hz: float  # frames per second
+    processor: int  # code of the format of its numbers
     data_start: int  # where the frames begin [bytes]
     scale: float  # of positions stored as 16-bit integers; negative where they are reals
     parameters: Parameters  # by `GROUP:NAME`
@@ -152,6 +178,48 @@ class Header:
         return "".join(self.texts("POINT:UNITS")[:1])
 
 
+def parse_numbers(data: bytes, kind: str, processor: int) -> NDArray[Any]:
+    """Read numbers of one type as a processor stores them.
+
+    A real of DEC has its two 16-bit words exchanged, and an exponent that is larger by 2 than that
+    of IEEE 754: the same bits are four times the number.
+    """
+    if processor == DEC and kind == "f4":
+        words = np.frombuffer(data, "<u2").reshape(-1, 2)
+        exchanged = np.ascontiguousarray(words[:, ::-1])
+        return exchanged.view("<f4").ravel() / np.float32(4)
+    return np.frombuffer(data, BYTE_ORDERS[processor] + kind)
+
+
+def processor_of(data: bytes) -> int:
+    """Read the code of the processor whose number format a file has, from its parameter section.
+
+    Raises
+    ------
+    InputError
+        There is no such section, or its numbers are of a processor that is not known.
+    """
+    if len(data) < BLOCK_BYTES:
+        raise InputError(
+            f"holds {len(data)} bytes, and its header alone has {BLOCK_BYTES}: it is cut off",
+            "copy the file again, or export the trial anew",
+        )
+    start = (data[0] - 1) * BLOCK_BYTES
+    if not BLOCK_BYTES <= start < len(data) - 3:
+        raise InputError(
+            f"its header places the parameters at byte {start} of {len(data)}: it is damaged",
+            "copy the file again, or export the trial anew",
+        )
+    processor = data[start + 3]
+    if processor not in BYTE_ORDERS:
+        raise InputError(
+            f"its numbers are of processor type {processor}, and {INTEL} (Intel), {DEC} (DEC) and"
+            f" {MIPS} (MIPS) are read: it is damaged, or no C3D file",
+            "copy the file again, or export the trial anew",
+        )
+    return processor
+
+
 def parse_header(data: bytes) -> Header:
     """Read the header block and the parameter section.
 
@@ -162,15 +230,12 @@ def parse_header(data: bytes) -> Header:
     InputError
         Its numbers are of another processor, or header or parameters are damaged.
     """
+    processor = processor_of(data)
     start = (data[0] - 1) * BLOCK_BYTES
-    if start < BLOCK_BYTES or data[start + 3 : start + 4] != INTEL:
-        raise InputError(
-            "is no C3D file, or not in the format of Intel processors, which alone is read",
-            "open it in a program of today, such as Mokka, and save it again",
-        )
-    _, points, analogs, first_frame, last_frame, _, scale, data_block, samples, rate_hz = (
-        struct.unpack_from("<HHHHHHfHHf", data)
-    )
+    counts = parse_numbers(data[:24], "u2", processor)
+    _, points, analogs, first_frame, last_frame, *_ = counts.tolist()
+    data_block, samples = counts[8:10].tolist()
+    scale, rate_hz = parse_numbers(data[12:16] + data[20:24], "f4", processor).tolist()
     samples_per_frame = max(samples, 1)
     data_start = (data_block - 1) * BLOCK_BYTES
     if scale == 0 or not math.isfinite(scale) or data_start < BLOCK_BYTES:
@@ -180,7 +245,8 @@ def parse_header(data: bytes) -> Header:
             "export the trial again",
         )
     parameters_end = data_start if data_start > start else len(data)
-    parameters = parse_parameters(data, start + 4, min(parameters_end, len(data)))
+    parameters_end = min(parameters_end, len(data))
+    parameters = parse_parameters(data, start + 4, parameters_end, processor)
     header = Header(
         points=points,
         channels=analogs // samples_per_frame,
@@ -188,6 +254,7 @@ def parse_header(data: bytes) -> Header:
         first_frame=first_frame,
         frames=last_frame - first_frame + 1,
         rate_hz=rate_hz,
+        processor=processor,
         data_start=data_start,
         scale=scale,
         parameters=parameters,
@@ -209,7 +276,7 @@ def _long_frames(header: Header) -> int:
     return int(max(header.number("POINT:LONG_FRAMES"), header.number("POINT:FRAMES")))
 
 
-def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
+def parse_parameters(data: bytes, position: int, end: int, processor: int) -> Parameters:
     """Read the parameters by `GROUP:NAME`. Groups may follow their parameters."""
     groups = {}
     values = []
@@ -217,12 +284,13 @@ def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
         length, group = struct.unpack_from("bb", data, position)
         name_end = position + 2 + abs(length)
         name = data[position + 2 : name_end].decode("latin-1").strip().upper()
-        (step,) = struct.unpack_from("<h", data, name_end)  # to the next record; 0 after the last
         value_end = name_end + 2
+        # to the next record; 0 after the last
+        (step,) = parse_numbers(data[name_end:value_end], "i2", processor).tolist()
         if group < 0:
             groups[-group] = name
         elif group > 0:
-            value, value_end = _parameter_value(data, value_end, name)
+            value, value_end = _parameter_value(data, value_end, name, processor)
             values.append((group, name, value))
         position = name_end + step if step else end
         # else a damaged section is read as another one
@@ -231,7 +299,9 @@ def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
     return {f"{groups.get(group, group)}:{name}": value for group, name, value in values}
 
 
-def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | list[str], int]:
+def _parameter_value(
+    data: bytes, position: int, name: str, processor: int
+) -> tuple[Array | list[str], int]:
     """Read one parameter from its type byte on; gives also the first byte behind it."""
     kind, dimensions = struct.unpack_from("bB", data, position)
     begin = position + 2 + dimensions
@@ -248,7 +318,7 @@ def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | lis
         length = max(*shape[:1], 1)  # of each text
         texts = [content[at : at + length] for at in range(0, len(content), length)]
         return [decoded(text).strip(" \0") for text in texts], end
-    values: NDArray[Any] = np.frombuffer(content, PARAMETER_TYPES[kind])
+    values = parse_numbers(content, PARAMETER_TYPES[kind], processor)
     return values.astype(float).reshape(shape, order="F"), end
 
 
@@ -290,7 +360,7 @@ def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
     """
     end = header.data_start + header.frames * header.frame_bytes
     content = data[header.data_start : end]
-    raw: NDArray[Any] = np.frombuffer(content, "<i2" if header.are_integers else "<f4")
+    raw = parse_numbers(content, "i2" if header.are_integers else "f4", header.processor)
     # x, y, z, residual of each point, then the analog samples
     rows = raw.reshape(header.frames, -1)
     points, samples = np.split(rows, [4 * header.points], axis=1)
@@ -320,6 +390,18 @@ def _scaled(analogs: Array, header: Header) -> Array:
     if general.size:
         analogs *= general[0] or np.nan
     return analogs
+
+
+def _calibration_of_plate(header: Header, number: int) -> Array:
+    """Read a plate's matrix (6, channels) from readings to force and moment.
+
+    Those of a file with plates of 6 and of 8 channels have 8 columns each.
+    """
+    columns = header.numbers_of_plates("CAL_MATRIX").shape[1:2]
+    matrix = _plate_parameter(header, "CAL_MATRIX", number, (6, *columns))
+    if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
+        return matrix.ravel(order="F").reshape(6, -1)
+    return matrix
 
 
 def _plate_parameter(header: Header, name: str, number: int, shape: Sequence[int] = ()) -> Array:
@@ -353,6 +435,8 @@ def plate_of(
     if geometry is not None:
         kind: int = geometry.type
         corners, origin = np.array(geometry.corners), np.array(geometry.origin)
+        if geometry.calibration:
+            calibration = np.array(geometry.calibration)
         recording = Recording("c3d", channels)
         found = [recording.find({"channel": label}) for label in geometry.channels]
         analogs = [channels.index(channel) + 1 for channel in found]
@@ -360,25 +444,23 @@ def plate_of(
         kind = int(_plate_parameter(header, "TYPE", number))
         if kind == EXPORTED or kind not in MEASURED_BY_TYPE:
             raise InputError(
-                f"it is of type {kind}, and types 1 to 4 are read",
+                f"it is of type {kind}, and types 1 to 5 are read",
                 "if the file has its forces and moments as six channels, state it as type 2"
                 " under `plate_geometry` in the source file, or else export it so",
             )
         corners = _plate_parameter(header, "CORNERS", number, (3, 4)).T
         origin = _plate_parameter(header, "ORIGIN", number, (3,))
-        if kind == 4:
-            calibration = _plate_parameter(header, "CAL_MATRIX", number, (6, 6))
-            if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
-                calibration = calibration.T
         most = header.numbers_of_plates("CHANNEL").shape[:1]  # some list more than they use
         listed = _plate_parameter(header, "CHANNEL", number, most)
-        analogs = listed[: len(MEASURED_BY_TYPE[kind])].astype(int).tolist()
+        analogs = listed[: CHANNELS_BY_TYPE[kind]].astype(int).tolist()
+        if kind in CALIBRATED_CHANNELS:
+            calibration = _calibration_of_plate(header, number)[:, : CALIBRATED_CHANNELS[kind]]
     if kind == 3 and not origin[:2].all():
         raise InputError(
             f"it is of type 3, and has ORIGIN {origin.tolist()}",
             "without its sensors' distances there is no moment: correct it",
         )
-    needed = len(MEASURED_BY_TYPE[kind])
+    needed = CHANNELS_BY_TYPE[kind]
     if len(analogs) != needed or not {*analogs} <= {*range(1, header.channels + 1)}:
         raise InputError(
             f"type {kind} has {needed} channels, and what describes it gives"

@@ -17,10 +17,12 @@ from osl_analysis.base.errors import InputError, naming, printable
 from osl_analysis.base.recording import EXPORTED, MEASURED_BY_TYPE, Plate
 from osl_analysis.base.source_file import PlateUnits, Source
 from osl_analysis.base.trial import Array, plate_columns
-from osl_analysis.base.units import si_factor
+from osl_analysis.base.units import in_si, normalised, si_factor
 from osl_analysis.ingest.conversion import Converted, check_finite_values
 from osl_analysis.signals.filters import longest_of
 from osl_analysis.signals.plateaus import repeats, run_at_extreme
+
+VOLT = "V"
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ def convert_plates(
 
 
 def to_newtons(plate: Plate, units: PlateUnits | None, length: str) -> Array:
-    """Matrix (channels, channels) by which the readings of a plate become N, N*m and m."""
+    """Matrix (channels, quantities) by which the readings of a plate become N, N*m and m."""
     stated = {"N": units.force, "N*m": units.moment, "m": units.length} if units else {}
     calibrated = {"N": "N", "N*m": f"N*{length}"} if plate.calibration is not None else {}
     about_lengths = ", length: mm" if plate.type == 1 else ""
@@ -107,6 +109,8 @@ def to_newtons(plate: Plate, units: PlateUnits | None, length: str) -> Array:
         "; or state the units that hold for all plates, as in"
         f" `plate_units: {{force: N, moment: N*mm{about_lengths}}}`, in the source file"
     )
+    if in_si(normalised(plate.channels[0].unit))[1] == VOLT:
+        remedy += ", or for channels in V the `calibration` of type 4 or 5 under `plate_geometry`"
     factors = []
     for channel, quantity in zip(plate.channels, MEASURED_BY_TYPE[plate.type], strict=False):
         unit = stated.get(quantity) or calibrated.get(quantity) or channel.unit

@@ -7,7 +7,8 @@ import ezc3d
 import numpy as np
 import pytest
 import yaml
-from c3d_builder import FACE, UNITS_OF_PLATE, level_plates, write_c3d
+from c3d_builder import DEC, FACE, MIPS, UNITS_OF_PLATE, level_plates, write_c3d
+from pydantic import ValidationError
 from recognised_files import refusal_by, source_of
 from scipy.spatial.transform import Rotation
 
@@ -86,6 +87,38 @@ def test_a_sample_is_raw_minus_offset_times_both_scales(
     np.testing.assert_allclose(recording.find({"channel": "A1"}).values, expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize("processor", [DEC, MIPS])
+@pytest.mark.parametrize("integers", [False, True])
+def test_a_file_of_another_processor_holds_the_same_numbers(tmp_path, processor, integers):
+    files = {
+        code: write_c3d(
+            tmp_path / f"{code}.c3d",
+            np.round(POINTS),
+            -ANALOGS,
+            rate=59.94,
+            integers=integers,
+            processor=code,
+            ANALOG__SCALE=np.array([0.1, -3e-5]),
+        )
+        for code in (84, processor)
+    }
+
+    intel, other = (formats.read(path) for path in files.values())
+
+    assert other.facts == intel.facts
+    for channel, its_twin in zip(other.channels, intel.channels, strict=True):
+        assert (channel.address, channel.unit) == (its_twin.address, its_twin.unit)
+        np.testing.assert_array_equal(channel.values, its_twin.values)
+
+
+@pytest.mark.parametrize("size", [2, 511])
+def test_a_file_that_ends_in_its_header_is_told_so(tmp_path, size):
+    path = capture(tmp_path)
+    path.write_bytes(path.read_bytes()[:size])
+
+    assert f"{size} bytes" in refused(path)
+
+
 def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_path):
     raw = POINTS.copy()
     raw[1, 0, 3], raw[2, 0, :3], raw[3, 0, 2], raw[4, 0, 0] = -1.0, 0.0, 0.0, np.inf
@@ -137,7 +170,8 @@ def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path):
     [
         ("", 12, b"\0\0\0\0", " 0.0"),
         ("", 8, b"\0\0", " 0 frames"),
-        ("", 0, b"\0", "Intel"),
+        ("", 0, b"\0", "parameters"),
+        ("", 512 + 3, b"\x57", "processor type 87"),
         # behind its name stand the pointer of a parameter, its type, dimensions and sizes
         ("RATE", 4, b"\1\0", "'RATE'"),
         ("RATE", 6, b"\3", "'RATE'"),
@@ -338,6 +372,51 @@ def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(tmp_path, u
 
 
 @pytest.mark.parametrize("store", ["BYCOLUMN", "BYROW"])
+def test_a_plate_of_type_5_is_calibrated_from_eight_channels_in_volts(tmp_path, store):
+    random = np.random.default_rng(8)
+    matrix = random.normal(0, 100, (6, 8))
+    volts = random.normal(0, 1, (24, 8))
+    stored = matrix if store == "BYCOLUMN" else matrix.ravel().reshape(6, 8, order="F")
+    described = {
+        "FORCE_PLATFORM__TYPE": 5,
+        "FORCE_PLATFORM__CHANNEL": np.arange(1, 9)[:, None],
+        "FORCE_PLATFORM__CAL_MATRIX": stored[:, :, None],
+        "FORCE_PLATFORM__MATRIX_STORE": [store],
+    }
+    in_volts = {"ANALOG__UNITS": ["V"] * 8, "ANALOG__LABELS": [f"pin {n}" for n in range(1, 9)]}
+    plate = {
+        **STATED,
+        "type": 5,
+        "channels": list(range(1, 9)),
+        "calibration": matrix.tolist(),
+    }
+
+    from_file = wrench_of(plate_file(tmp_path, volts, **in_volts, **described))
+    undescribed = plate_file(tmp_path, volts, **in_volts, FORCE_PLATFORM__USED=0)
+    as_stated = wrench_of(undescribed, plate_geometry={1: plate})
+
+    # N and N*mm in the plate's axes, whose y and z are the laboratory's turned round
+    in_plate = matrix @ volts[3] * [1, 1, 1, 1e-3, 1e-3, 1e-3]
+    expected = pytest.approx(in_plate * [1, -1, -1, 1, -1, -1], rel=1e-5)
+    assert from_file == expected
+    assert as_stated == expected
+
+
+@pytest.mark.parametrize(
+    ("kind", "calibration"), [(2, np.eye(6)), (4, np.ones((6, 8))), (5, np.eye(6)), (5, ())]
+)
+def test_a_calibration_of_another_size_than_its_type_is_refused(kind, calibration):
+    plate = {**STATED, "type": kind, "calibration": np.asarray(calibration).tolist()}
+
+    with pytest.raises(ValidationError, match=f"type {kind}"):
+        source(plate_geometry={1: plate})
+
+
+def test_channels_in_volts_are_said_to_need_a_calibration(tmp_path):
+    assert "calibration" in refused(plate_file(tmp_path, ANALOG__UNITS=["V"] * 6))
+
+
+@pytest.mark.parametrize("store", ["BYCOLUMN", "BYROW"])
 def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path, store):
     matrix = np.eye(6)
     matrix[0, 1] = 10.0  # Fx = c1 + 10 c2
@@ -425,6 +504,20 @@ def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign):
 
 
 # --- real files ---------------------------------------------------------------------------------
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize(
+    ("name", "rounding_mm"), [("vr", 0), ("pi", 2e-4), ("vi", 2e-4), ("si", 2e-4)]
+)
+def test_one_trial_is_the_same_in_files_of_three_processors(recordings, name, rounding_mm):
+    intel, other = (
+        formats.read(recordings / "c3d" / f"Eb015{kind}.c3d").channels for kind in ("pr", name)
+    )
+
+    for channel, its_twin in zip(other, intel, strict=True):
+        assert channel.key == its_twin.key
+        np.testing.assert_allclose(channel.values, its_twin.values, rtol=0, atol=rounding_mm)
 
 
 @pytest.mark.recordings

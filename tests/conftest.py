@@ -40,8 +40,10 @@ ROOT = Path(__file__).parents[1]
 RECORDINGS = os.environ.get("OSL_RECORDINGS")
 """The folder of recordings that others published, if it is here: tests/recordings.md."""
 RUNNING = (
-    "test_workflow", "test_small_campaigns", "test_bundle",
-)  # fmt: skip
+    "test_workflow",
+    "test_small_campaigns",
+    "test_bundle",
+)
 """Modules that run campaigns: in one worker, for which `snakemake_runs.py` imports once."""
 # without a deadline: a busy machine is no fault of the code; other seeds: pytest
 # --hypothesis-profile default

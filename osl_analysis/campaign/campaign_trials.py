@@ -125,8 +125,14 @@ def trace(
 
 # Cells of a row that ingest uses. A change of other cells does not cause a new ingest.
 INGESTED = (
-    "trial", "experiment", "log_part", *RECORDINGS, *SOURCES, *FIXTURE, "windows",
-)  # fmt: skip
+    "trial",
+    "experiment",
+    "log_part",
+    *RECORDINGS,
+    *SOURCES,
+    *FIXTURE,
+    "windows",
+)
 # cells of a row that name a recording
 RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
 WHOLE_RECORDING = "0-1000000"  # [s] as windows

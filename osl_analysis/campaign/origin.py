@@ -33,8 +33,15 @@ ABOUT_MEANING = {
 }
 # settings that do not change results, or stand beside the hash
 NOT_HASHED = {
-    "campaign", "raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded",
-}  # fmt: skip
+    "campaign",
+    "raw_data",
+    "sheet",
+    "results",
+    "sources",
+    "failed_trials",
+    "data",
+    "recorded",
+}
 # experiments that a setting judges, labels or enters
 EXPERIMENTS_BY_SETTING: dict[str, list[str]] = own_yaml(
     Path(__file__).with_name("setting_states.yaml")

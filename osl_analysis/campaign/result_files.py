@@ -31,9 +31,17 @@ ON_PAPER = {
 """Tables for a paper, and the tables of results that each is made of."""
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
 FOR_READERS = (
-    "tables/settings.csv", "tables/excluded.csv", "tables/findings.csv", "tables/quality.csv",
-    "report.html", "summary.json", "numbers.tex", "methods.md", "methods.tex", "methods.bib",
-)  # fmt: skip
+    "tables/settings.csv",
+    "tables/excluded.csv",
+    "tables/findings.csv",
+    "tables/quality.csv",
+    "report.html",
+    "summary.json",
+    "numbers.tex",
+    "methods.md",
+    "methods.tex",
+    "methods.bib",
+)
 """Results of every campaign, beside its tables and figures."""
 
 

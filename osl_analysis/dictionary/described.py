@@ -140,9 +140,17 @@ TYPES: Mapping[str, type[pl.DataType]] = {
 }
 """By unit; any other column holds numbers."""
 ADDED_TO_ALL = {
-    "joint", "side", "doubtful", "remarks", "status", "reason", "data",
-    "K_verdict", "B_verdict", "I_verdict",
-}  # fmt: skip
+    "joint",
+    "side",
+    "doubtful",
+    "remarks",
+    "status",
+    "reason",
+    "data",
+    "K_verdict",
+    "B_verdict",
+    "I_verdict",
+}
 """Columns that rows of single trials get where a table is gathered from them."""
 
 

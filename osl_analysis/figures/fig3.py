@@ -89,9 +89,13 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
             # without a line from the end of one cycle to the next
             of_branch = trial.select(pl.when(branch=branch).then(deviation))
             (line,) = ax.plot(
-                trial["theta_s_deg"], of_branch, dash,
-                color=style.GREY, linewidth=0.5, label=branch.capitalize(),
-            )  # fmt: skip
+                trial["theta_s_deg"],
+                of_branch,
+                dash,
+                color=style.GREY,
+                linewidth=0.5,
+                label=branch.capitalize(),
+            )
             line.set_url(style.place_in_report(trial["trial"][0]))
     ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")

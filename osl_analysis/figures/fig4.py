@@ -34,10 +34,12 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         table["time"], table["torque"], color=style.LIGHT_GREY, linewidth=2, label="Measured"
     )
     torque.plot(
-        table["time"], table["torque_model"], "--",
+        table["time"],
+        table["torque_model"],
+        "--",
         color=style.MAGENTA,  # as in the draft's text; its caption calls it blue
         label=f"Best fit{doubt}",
-    )  # fmt: skip
+    )
     torque.set_ylabel("Torque (N·m)")
     residual.axhline(0, color=style.BLACK, linewidth=0.5)
     residual.plot(table["time"], table["torque"] - table["torque_model"], color=style.BLACK)
@@ -48,9 +50,16 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     is_out = table["torque_model"].is_null().to_numpy()
     for ax in axes:
         ax.fill_between(
-            table["time"], 0, 1, where=is_out, transform=ax.get_xaxis_transform(),
-            color=style.GRID_GREY, linewidth=0, zorder=0, label="Not fitted" if any(is_out) else "",
-        )  # fmt: skip
+            table["time"],
+            0,
+            1,
+            where=is_out,
+            transform=ax.get_xaxis_transform(),
+            color=style.GRID_GREY,
+            linewidth=0,
+            zorder=0,
+            label="Not fitted" if any(is_out) else "",
+        )
         ax.margins(x=0)
     torque.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
     return figure

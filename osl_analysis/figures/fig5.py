@@ -45,9 +45,13 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     width = style.SINGLE_COLUMN if is_single else style.DOUBLE_COLUMN
     most = MOST_IN_COLUMN * (1 if is_single else 2) / len(parts)
     figure, axes = style.panels(
-        width, 0.5 + 2 * sum(heights), len(heights), len(parts),
-        [title for title, _ in parts], height_ratios=heights,
-    )  # fmt: skip
+        width,
+        0.5 + 2 * sum(heights),
+        len(heights),
+        len(parts),
+        [title for title, _ in parts],
+        height_ratios=heights,
+    )
     for column, of_part in enumerate(placed):
         of_column = iter(axes[column :: len(parts)])
         for symbol, trials in zip("KB", of_part, strict=True):

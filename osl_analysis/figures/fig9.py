@@ -66,9 +66,11 @@ def points(
     is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
     fits = walking.with_columns(group, estimator=pl.lit(PERTURBATION)).filter(is_fitted)
     perturbations = fits.join(estimates, on="group", how="semi").unpivot(
-        QUANTITIES, index=["group", "estimator", "trial", "doubtful"],
-        variable_name="quantity", value_name="mean",
-    )  # fmt: skip
+        QUANTITIES,
+        index=["group", "estimator", "trial", "doubtful"],
+        variable_name="quantity",
+        value_name="mean",
+    )
     return pl.concat([estimates, perturbations], how="diagonal_relaxed")
 
 

@@ -224,9 +224,15 @@ def draw_fits(
     """
     faces = [WHITE if doubtful else look.colour for doubtful in is_doubtful(rows, names)]
     drawn = ax.scatter(
-        x, y, mpl.rcParams["lines.markersize"] ** 2 * np.asarray(areas), marker=look.marker,
-        label=look.label, facecolors=faces, edgecolors=look.colour, zorder=3,
-    )  # fmt: skip
+        x,
+        y,
+        mpl.rcParams["lines.markersize"] ** 2 * np.asarray(areas),
+        marker=look.marker,
+        label=look.label,
+        facecolors=faces,
+        edgecolors=look.colour,
+        zorder=3,
+    )
     drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])
 
 
@@ -297,9 +303,12 @@ def legend_above(figure: Figure, keys: Sequence[Any], title: str = "") -> None:
     """Put a legend above all panels, in as many columns as the page has room for."""
     for columns in range(len(keys), 0, -1):
         legend = figure.legend(
-            handles=keys, loc="outside upper center", ncols=columns,
-            title=title or None, alignment="left",
-        )  # fmt: skip
+            handles=keys,
+            loc="outside upper center",
+            ncols=columns,
+            title=title or None,
+            alignment="left",
+        )
         if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
             break
         legend.remove()

@@ -105,9 +105,13 @@ def draw_stance(ax: Axes, rows: pl.DataFrame) -> None:
         curve = rows.filter(curve=name)
         mean = curve["mean"]
         ax.fill_between(
-            curve["x"], mean - curve["sd"], mean + curve["sd"], color=colour, alpha=0.25,
+            curve["x"],
+            mean - curve["sd"],
+            mean + curve["sd"],
+            color=colour,
+            alpha=0.25,
             linewidth=0,
-        )  # fmt: skip
+        )
         ax.plot(curve["x"], mean, dash, color=colour, label=name.capitalize())
     ax.set_xlabel("Stance (%)")
 

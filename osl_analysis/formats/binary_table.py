@@ -256,9 +256,16 @@ def lines_of(variable: Variable) -> dict[str, NDArray[Any]]:
 FORMAT = Format(
     name="table",
     suffixes=(
-        ".xlsx", ".xls", ".ods", ".parquet", ".h5", ".hdf5", ".jsonl", ".ndjson",
+        ".xlsx",
+        ".xls",
+        ".ods",
+        ".parquet",
+        ".h5",
+        ".hdf5",
+        ".jsonl",
+        ".ndjson",
     ),
     begins=kind_of,
     source=SheetSource,
     read=read,
-)  # fmt: skip
+)

@@ -308,9 +308,16 @@ def _split_names(text: str, width: int, delimiter: str) -> list[str]:
     """Names of the columns in a comment, or a line with another delimiter than the rows; empty if
     there are none. `POS (ANAT)` may be one name."""
     delimiters = (
-        re.escape(delimiter or ","), r"\t", ";", ",", r"\|", r"\s{2,}", r"(?<=[\])}])\s+", r"\s+",
+        re.escape(delimiter or ","),
+        r"\t",
+        ";",
+        ",",
+        r"\|",
+        r"\s{2,}",
+        r"(?<=[\])}])\s+",
+        r"\s+",
         r"\s+(?![\[({])",
-    )  # fmt: skip
+    )
     for pattern in delimiters:
         cells = [cell.strip(' "') for cell in re.split(pattern, text.strip())]
         if len(cells) == width and not any(map(is_value, cells)):

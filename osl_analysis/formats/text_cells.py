@@ -27,9 +27,22 @@ MINUS = "\u2212"  # a minus sign that is no hyphen
 LONGEST_LINE = 1_000_000  # letters; 10,000 columns of 100 letters each
 FIRST_LINES, LAST_LINES = 300, 60
 MISSING = (
-    "", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT",
-    "-nan", "nan(ind)", "-nan(ind)",
-)  # fmt: skip
+    "",
+    "nan",
+    "NaN",
+    "NAN",
+    "NA",
+    "N/A",
+    "#N/A",
+    "null",
+    "NULL",
+    "None",
+    "<NA>",
+    "NaT",
+    "-nan",
+    "nan(ind)",
+    "-nan(ind)",
+)
 """Cells that programs write for a failed reading."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
 WHOLE = r"^[+-]?\d+$"

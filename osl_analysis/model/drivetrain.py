@@ -20,9 +20,18 @@ from osl_analysis.base.trial import Array
 from osl_analysis.base.yaml_settings import Settings, misplaced, of_fraction, read_yaml
 
 PARAMETER_UNITS = {
-    "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",
-    "n_T": "1", "K_s": "N*m/rad", "K_s2": "N*m/rad^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
-}  # fmt: skip
+    "k_tau": "N*m/A",
+    "n_m": "1",
+    "B_m": "N*m*s/rad",
+    "J_m": "kg*m^2",
+    "f_C": "N*m",
+    "f_G": "N*m/A",
+    "n_T": "1",
+    "K_s": "N*m/rad",
+    "K_s2": "N*m/rad^2",
+    "B_j": "N*m*s/rad",
+    "J_j": "kg*m^2",
+}
 NEVER_ZERO = ("k_tau", "n_m", "J_m", "n_T", "K_s")  # each divides or drives
 REQUIRED = tuple(name for name in PARAMETER_UNITS if name != "K_s2")  # of the drivetrain's model
 # a parameter outside, in SI units, has a wrong exponent

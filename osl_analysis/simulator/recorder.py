@@ -103,9 +103,13 @@ def log_topic(
     body = np.dtype([(member, kind) for member, (kind, _) in message.items()], align=True)
     head = [("opcode", "u1"), ("length", "<u8")]  # which its length does not count
     content = [
-        ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8"),
-        ("encapsulation", "V4"), ("body", body),
-    ]  # fmt: skip
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log", "<u8"),
+        ("publish", "<u8"),
+        ("encapsulation", "V4"),
+        ("body", body),
+    ]
     first = np.zeros(1, np.dtype(head + content))
     first["opcode"] = Opcode.MESSAGE
     first["length"] = np.dtype(content).itemsize

@@ -90,9 +90,15 @@ QUANTITIES = ("K", "B", "I")  # of Eq. 15
 WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
 """Columns of K, B and I without friction."""
 UNITS = {
-    "K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
-    "K_d_rendered": "N*m/rad", "B_d_rendered": "N*m*s/rad", "loop_delay_s": "s",
-}  # fmt: skip
+    "K": "N*m/rad",
+    "B": "N*m*s/rad",
+    "I": "kg*m^2",
+    "B_j": "N*m*s/rad",
+    "J_j": "kg*m^2",
+    "K_d_rendered": "N*m/rad",
+    "B_d_rendered": "N*m*s/rad",
+    "loop_delay_s": "s",
+}
 
 
 def own_size(name: str, value: float) -> float:

@@ -47,11 +47,14 @@ SLOW = (
 )
 
 
-@pytest.mark.parametrize(("door", "more"), [
-    ("import osl_analysis.cli", ["numpy", "polars", "pandas", "pydantic", "ruamel"]),
-    ("from osl_analysis import Trial, to_pandas", ["pandas", "pydantic", "scipy"]),
-    ("from osl_analysis import *", []),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("door", "more"),
+    [
+        ("import osl_analysis.cli", ["numpy", "polars", "pandas", "pydantic", "ruamel"]),
+        ("from osl_analysis import Trial, to_pandas", ["pandas", "pydantic", "scipy"]),
+        ("from osl_analysis import *", []),
+    ],
+)
 def test_a_door_opens_without_what_only_some_of_its_rooms_need(door, more):
     """What takes tenths of a second to import is imported where it is used."""
     code = f"{door}; import sys; print([name for name in {[*SLOW, *more]} if name in sys.modules])"

@@ -63,14 +63,16 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
     assert means[:3] == pytest.approx(1, abs=0.005)
 
 
-@pytest.mark.parametrize(("offset", "size", "current_of", "message"), [
-    # always in the direction of the motion
-    (0.0, 1, lambda omega, current: 0.6 * omega, "k_tau_n_m.*f_G"),
-    (0.0, 1, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m.*f_G"),
-    (30.0, 1, lambda omega, current: current, "f_C.*offset"),  # a motion that never turns round
-    (0.0, 1 / 57, lambda omega, current: current,
-     r"0\.5 rad/s.* 0 .*20000"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("offset", "size", "current_of", "message"),
+    [
+        # always in the direction of the motion
+        (0.0, 1, lambda omega, current: 0.6 * omega, "k_tau_n_m.*f_G"),
+        (0.0, 1, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m.*f_G"),
+        (30.0, 1, lambda omega, current: current, "f_C.*offset"),  # a motion that never turns round
+        (0.0, 1 / 57, lambda omega, current: current, r"0\.5 rad/s.* 0 .*20000"),
+    ],
+)
 def test_a_schedule_that_tells_no_parameters_apart_is_refused(offset, size, current_of, message):
     t, theta, omega, alpha, current = schedule(velocity_offset=offset)
     current = current_of(omega, current)
@@ -211,11 +213,15 @@ JUMPS = np.random.default_rng(3).choice([-0.15, 0.15], len(UP_AND_DOWN) - 1)
 TWITCHES = sum(jump * np.tanh((CLAMPED - k) / 0.1) for k, jump in enumerate(JUMPS, 1))
 
 
-@pytest.mark.parametrize("angle", [
-    0.3 + 0 * CLAMPED,
-    0.2 + 0.2 * white_noise(len(CLAMPED), 5),
-    TWITCHES,  # of 0.2 s, which as a motion would widen the interval five times
-], ids=["still", "noisy", "twitches"])  # fmt: skip
+@pytest.mark.parametrize(
+    "angle",
+    [
+        0.3 + 0 * CLAMPED,
+        0.2 + 0.2 * white_noise(len(CLAMPED), 5),
+        TWITCHES,  # of 0.2 s, which as a motion would widen the interval five times
+    ],
+    ids=["still", "noisy", "twitches"],
+)
 def test_a_clamped_shaft_stands_whatever_its_angle_shows(angle):
     fits = [
         actuator_trial(each, ANALYSIS).whole for each in (staircase(1), staircase(1, theta_m=angle))

@@ -115,12 +115,15 @@ def of_amplitude(K, B):
     return LinearFit(("K", "B"), estimates, 1e-4 * np.eye(2), 100.0, "repeats", freedom)
 
 
-@pytest.mark.parametrize(("changes", "names"), [
-    ({"K": -4.0, "B": -1.0}, {"K": "friction", "B": "friction"}),
-    ({"K": 4.0, "B": -1.0}, {"K": "nonlinear_spring", "B": "friction"}),
-    ({"K": -4.0, "B": 1.0}, {"K": "nonlinear_spring"}),
-    ({"K": -4.0, "B": -0.02}, {"K": "nonlinear_spring"}),  # B within its noise
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        ({"K": -4.0, "B": -1.0}, {"K": "friction", "B": "friction"}),
+        ({"K": 4.0, "B": -1.0}, {"K": "nonlinear_spring", "B": "friction"}),
+        ({"K": -4.0, "B": 1.0}, {"K": "nonlinear_spring"}),
+        ({"K": -4.0, "B": -0.02}, {"K": "nonlinear_spring"}),  # B within its noise
+    ],
+)
 def test_half_of_a_change_over_amplitudes_is_friction_s_or_a_spring_s(changes, names):
     large = of_amplitude(100 + changes["K"], 5 + changes["B"])
     analysis = SimpleNamespace(fits={4.0: large, 2.0: of_amplitude(100.0, 5.0), None: large})

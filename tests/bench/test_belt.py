@@ -34,11 +34,14 @@ def test_the_stiffness_of_a_belt_is_found_in_both_directions_beside_gaps(sign):
     assert straight.model == belt_fits.STRAIGHT != belt.model
 
 
-@pytest.mark.parametrize(("size", "rows", "unusable", "message"), [
-    (0.01, 3400, (), r"0\.050 deg.*0\.5 deg"), (1.0, 2000,
-     (), r"0\.00 deg.*5\.00 deg.*4\.53 deg"),
-    (1.0, 3400, range(1690, 3400), "unloading.*gaps.*highest_hz"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("size", "rows", "unusable", "message"),
+    [
+        (0.01, 3400, (), r"0\.050 deg.*0\.5 deg"),
+        (1.0, 2000, (), r"0\.00 deg.*5\.00 deg.*4\.53 deg"),
+        (1.0, 3400, range(1690, 3400), "unloading.*gaps.*highest_hz"),
+    ],
+)
 def test_refuses_a_belt_that_hardly_moved_ends_loaded_or_has_gaps_all_along(
     size, rows, unusable, message
 ):
@@ -47,9 +50,13 @@ def test_refuses_a_belt_that_hardly_moved_ends_loaded_or_has_gaps_all_along(
         belt_record(size * theta_s[:rows], torque[:rows], unusable=unusable)
 
 
-@pytest.mark.parametrize(("share", "model"), [
-    (0.03, belt_fits.STRAIGHT), (0.08, belt_fits.STRAIGHT_AND_DAMPED),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("share", "model"),
+    [
+        (0.03, belt_fits.STRAIGHT),
+        (0.08, belt_fits.STRAIGHT_AND_DAMPED),
+    ],
+)
 def test_a_belt_has_damping_where_its_velocity_varies(share, model):
     """By this share of its mean; at an even velocity, damping is an offset."""
     turns = np.linspace(0, 1, 1500)

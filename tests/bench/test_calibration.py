@@ -227,14 +227,27 @@ KNOWN_SPRING = {"known_K": 300.0}
 PENDULUM = {"K": 0.0, "damping": 0.05, "weight": 2.0, "I": 0.2}
 
 
-@pytest.mark.parametrize(("made", "known", "true", "lag_se", "doubtful"), [
-    ({"I": 0.003}, KNOWN_SPRING, {"gain": 1.0, "lag_s": 0.0, "inertia": 0.003, "B": 0.0}, 1e-4, ""),
-    ({"late_s": 8e-3}, KNOWN_SPRING, {"lag_s": 8e-3}, 1e-4, "delay of the torque"),
-    ({"damping": 3.0}, KNOWN_SPRING, {"B": 3.0, "lag_s": 0.0}, 8e-4, ""),
-    ({"late_s": -5e-4, "gain": 0.97, **PENDULUM}, {"known_I": 0.2},
-     {"lag_s": -5e-4, "gain": 0.97, "weight": 2.0, "B": 0.97 * 0.05}, 1e-4,
-     "delay of the torque; wrong gain"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("made", "known", "true", "lag_se", "doubtful"),
+    [
+        (
+            {"I": 0.003},
+            KNOWN_SPRING,
+            {"gain": 1.0, "lag_s": 0.0, "inertia": 0.003, "B": 0.0},
+            1e-4,
+            "",
+        ),
+        ({"late_s": 8e-3}, KNOWN_SPRING, {"lag_s": 8e-3}, 1e-4, "delay of the torque"),
+        ({"damping": 3.0}, KNOWN_SPRING, {"B": 3.0, "lag_s": 0.0}, 8e-4, ""),
+        (
+            {"late_s": -5e-4, "gain": 0.97, **PENDULUM},
+            {"known_I": 0.2},
+            {"lag_s": -5e-4, "gain": 0.97, "weight": 2.0, "B": 0.97 * 0.05},
+            1e-4,
+            "delay of the torque; wrong gain",
+        ),
+    ],
+)
 def test_a_known_spring_or_inertia_tells_what_is_true_of_the_bench(
     made, known, true, lag_se, doubtful
 ):
@@ -261,11 +274,14 @@ def test_a_spring_without_inertia_tells_its_gain_and_no_damping():
     assert abs(row["lag_s"]) < 3e-4
 
 
-@pytest.mark.parametrize(("stated", "doubt"), [
-    ({"inertia": 0.012, "weight": 0.8, "weight_error": 0.05}, ""),
-    ({"inertia": 0.0124, "weight": 0.8, "weight_error": 0.05}, "fixture"),
-    ({"inertia": 0.012, "weight": 1.6, "weight_error": 0.05}, "fixture"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("stated", "doubt"),
+    [
+        ({"inertia": 0.012, "weight": 0.8, "weight_error": 0.05}, ""),
+        ({"inertia": 0.0124, "weight": 0.8, "weight_error": 0.05}, "fixture"),
+        ({"inertia": 0.012, "weight": 1.6, "weight_error": 0.05}, "fixture"),
+    ],
+)
 def test_a_stated_fixture_is_compared_with_the_recorded_one(stated, doubt):
     bench = CONFIG.dynamometer.model_copy(update={"fixture": Fixture(**stated)})
 

@@ -104,10 +104,15 @@ def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
 
 
 @least_squares_alone
-@pytest.mark.parametrize(("fault", "lag"), [
-    ({}, 0), ({"torque_late": -4e-3}, -4e-3), ({"theta_m_late": 1e-3}, 0),
-    ({"theta_late": 4e-3}, -4e-3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fault", "lag"),
+    [
+        ({}, 0),
+        ({"torque_late": -4e-3}, -4e-3),
+        ({"theta_m_late": 1e-3}, 0),
+        ({"theta_late": 4e-3}, -4e-3),
+    ],
+)
 def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, lag):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     tables = impedance_table(rendered_impedance(record_of_leg(leg(**fault))), P)
@@ -120,9 +125,13 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
 
 
 @least_squares_alone
-@pytest.mark.parametrize(("law", "is_unknown"), [
-    ((0.45, 1e-3, 2e-3), True), ((0.45, 3e-3, 0.0), False),  # to 7, and to 4 % of B
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("law", "is_unknown"),
+    [
+        ((0.45, 1e-3, 2e-3), True),
+        ((0.45, 3e-3, 0.0), False),  # to 7, and to 4 % of B
+    ],
+)
 def test_a_lag_that_the_belt_tells_badly_is_said_to_be_unknown(law, is_unknown):
     tables = impedance_table(rendered_impedance(record_of_leg(leg(law=law))), P)
 
@@ -152,10 +161,16 @@ def bench_of_legs(file, known, **of_leg):
     return table, delay_table(table).row(0, named=True)
 
 
-@pytest.mark.parametrize("known", [
-    {"n_T": P.n_T},
-    *({"n_T": P.n_T, "K_s": P.K_s, "B_j": P.B_j, "J_j": share * 0.0165} for share in (0.9, 1.1)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "known",
+    [
+        {"n_T": P.n_T},
+        *(
+            {"n_T": P.n_T, "K_s": P.K_s, "B_j": P.B_j, "J_j": share * 0.0165}
+            for share in (0.9, 1.1)
+        ),
+    ],
+)
 def test_the_delay_of_a_bench_needs_no_exact_parameter(tmp_path, known):
     """Taken as exact, a J_j that is a tenth off would move it by 0.45 ms."""
     table, delay = bench_of_legs(tmp_path / "leg.yaml", known, torque_late=2.5e-3)
@@ -241,10 +256,13 @@ def test_the_delay_of_a_bench_is_pooled_with_what_trials_share():
     assert 1.96 * 80e-6 < delay_half < 1.96 * 100e-6
 
 
-@pytest.mark.parametrize(("half", "said"), [
-    (0.24e-3, r"Write .*{delay: 1.03 ms}.*1\.03 ± 0\.94 ms"),
-    (0.20e-3, r"not .*delay.*1\.03 ms .*0\.60 to 1\.30"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("half", "said"),
+    [
+        (0.24e-3, r"Write .*{delay: 1.03 ms}.*1\.03 ± 0\.94 ms"),
+        (0.20e-3, r"not .*delay.*1\.03 ms .*0\.60 to 1\.30"),
+    ],
+)
 def test_a_delay_is_proposed_where_trials_agree_within_twice_their_intervals(half, said):
     lags = pl.DataFrame({"trial": [*"abc"], "lag_s": [1.3e-3, 1.2e-3, 0.6e-3]})
     ends = {"lag_s_low": lags["lag_s"] - half, "lag_s_high": lags["lag_s"] + half}

@@ -20,9 +20,17 @@ LINE = {"K": "theta", "offset": "one"}
 def line_sums(x, torque, groups, **columns):
     """Of a torque over a column, and further ones, all of n rows."""
     record = Record(
-        "made", np.arange(len(x)) / 100, x, torque, Motion(x, x, x), torque,
-        BenchAnalysis(cutoff_hz=15, order=4), np.ones(len(x), dtype=bool), groups, 100.0,
-    )  # fmt: skip
+        "made",
+        np.arange(len(x)) / 100,
+        x,
+        torque,
+        Motion(x, x, x),
+        torque,
+        BenchAnalysis(cutoff_hz=15, order=4),
+        np.ones(len(x), dtype=bool),
+        groups,
+        100.0,
+    )
     return gram_sums(record, {"theta": x, "one": np.ones(len(x)), **columns})
 
 

@@ -165,17 +165,27 @@ def test_friction_of_a_motion_beyond_the_cutoff_is_that_of_all_that_moves():
 LEANING = 5 * np.tanh(5 * np.sin(0.6 * np.arange(33 * RATE) / RATE))  # N*m
 
 
-@pytest.mark.parametrize(("move", "seeds", "motion", "made", "least", "most"), [
-    # within 4 standard errors of an RMS of 75 numbers; 95 +- 2 % needs hundreds of records
-    (noise, 25, {"duration": 10.0}, {}, 1 - 4 * 0.08, 1 + 4 * 0.08),
-    # periods that repeat their rounding: beside noise alone the errors have an RMS of 8
-    (multisine, 8, {}, {"bits": 14, "torque_noise": 0.01}, 0.4, 1 + 4 * 0.14),
-    # noise of the angle in slow columns: without it in the intervals the errors have an RMS of 1.4
-    (noise, 6, {"band": (0.2, 2.0), "rms_deg": 4.0, "duration": 90.0},
-     {"bits": 12, "torque_noise": 0.01}, 0.4, 1.2),
-    # a person who leans on the handle: without the high-pass the errors have an RMS of 0.2
-    (noise, 8, {}, {"more": LEANING}, 0.5, 1 + 4 * 0.14),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("move", "seeds", "motion", "made", "least", "most"),
+    [
+        # within 4 standard errors of an RMS of 75 numbers; 95 +- 2 % needs hundreds of records
+        (noise, 25, {"duration": 10.0}, {}, 1 - 4 * 0.08, 1 + 4 * 0.08),
+        # periods that repeat their rounding: beside noise alone the errors have an RMS of 8
+        (multisine, 8, {}, {"bits": 14, "torque_noise": 0.01}, 0.4, 1 + 4 * 0.14),
+        # noise of the angle in slow columns: without it in the intervals the errors have an
+        # RMS of 1.4
+        (
+            noise,
+            6,
+            {"band": (0.2, 2.0), "rms_deg": 4.0, "duration": 90.0},
+            {"bits": 12, "torque_noise": 0.01},
+            0.4,
+            1.2,
+        ),
+        # a person who leans on the handle: without the high-pass the errors have an RMS of 0.2
+        (noise, 8, {}, {"more": LEANING}, 0.5, 1 + 4 * 0.14),
+    ],
+)
 def test_intervals_cover_the_truth(move, seeds, motion, made, least, most):
     errors = []  # of K, B and I over their standard errors
     for seed in range(seeds):
@@ -277,9 +287,13 @@ def test_rounding_of_a_creep_to_two_levels_is_in_the_interval_of_K():
 
 
 @least_squares_alone
-@pytest.mark.parametrize("joint", [
-    {"K": -20.0, "B": 0.0}, {"K": -30.0, "B": 9.0, "I": -0.02},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "joint",
+    [
+        {"K": -20.0, "B": 0.0},
+        {"K": -30.0, "B": 9.0, "I": -0.02},
+    ],
+)
 def test_a_weight_above_its_axis_and_a_mass_behind_a_spring_are_fitted(joint):
     """Above its resonance K of Eq. 15 is negative, and B positive."""
     assert row_of(moved(multisine, 2, **joint))["K"] == pytest.approx(joint["K"], rel=1e-2)
@@ -323,15 +337,17 @@ def test_a_longest_gap_that_is_stated_is_bridged():
     assert record.is_fitted().sum() / record.rate_hz > 28
 
 
-@pytest.mark.parametrize(("angle", "words"), [
-    (lambda t: 0.1 * np.arcsin(np.sin(0.12 * t)),
-     "18 deg.*torque_angle"),
-    (lambda t: 0 * t, "trial made:.*theta.*0 deg"),
-    (
-        lambda t: np.deg2rad(4) * np.sin(2 * np.pi * 1.7 * t) * (t > 2) * (t < 2 + 40 / 1.7),
-        r"K.*I.*1\.7 Hz.*0\.85 Hz.*3\.4 Hz",
-    ),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("angle", "words"),
+    [
+        (lambda t: 0.1 * np.arcsin(np.sin(0.12 * t)), "18 deg.*torque_angle"),
+        (lambda t: 0 * t, "trial made:.*theta.*0 deg"),
+        (
+            lambda t: np.deg2rad(4) * np.sin(2 * np.pi * 1.7 * t) * (t > 2) * (t < 2 + 40 / 1.7),
+            r"K.*I.*1\.7 Hz.*0\.85 Hz.*3\.4 Hz",
+        ),
+    ],
+)
 def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words):
     time = np.arange(0, 40, 1 / 250)
     motion = angle(time), 0 * time, 0 * time
@@ -340,11 +356,15 @@ def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words)
         table_of(record_of_trial(trial, SETTINGS))
 
 
-@pytest.mark.parametrize(("motion", "words"), [
-    ({"rate": 8}, "8 rows"), ({"rate": 25}, "100 rows"),
-    ({"rms_deg": 0.04}, "theta.* 1[0-9] steps.* 20 "),
-    ({"rms_deg": 0.2, "band": (0.2, 2.0)}, r"encoder has 0\.3[0-9]* times"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        ({"rate": 8}, "8 rows"),
+        ({"rate": 25}, "100 rows"),
+        ({"rms_deg": 0.04}, "theta.* 1[0-9] steps.* 20 "),
+        ({"rms_deg": 0.2, "band": (0.2, 2.0)}, r"encoder has 0\.3[0-9]* times"),
+    ],
+)
 def test_few_rows_per_second_steps_and_noise_of_the_encoder_are_refused(motion, words):
     with pytest.raises((IdentifiabilityError, InputError), match=words):
         row_of(moved(noise, 4, motion, bits=14))

@@ -118,13 +118,18 @@ def test_a_cubic_spring_has_its_curve_and_its_slope_at_every_angle():
 SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
 
 
-@pytest.mark.parametrize(("angles", "count"), [
-    ((0, -10, 12, 0), 1),  # as the tests of the DESR foot
-    ((6, 10, -10, 10, -10, 6), 2), ((0, 10, 0, 10, 0, 5), 2), ((0, -10, 10, -10, 10, 5), 1),
-    ((0, 10, 1, 10, 1, 10, 0), 1),  # from a preload
-    ((6, 10, -10, 10, -10, 5.4), 1),  # open by 3 % of the motion
-    (SMALLER, 2),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("angles", "count"),
+    [
+        ((0, -10, 12, 0), 1),  # as the tests of the DESR foot
+        ((6, 10, -10, 10, -10, 6), 2),
+        ((0, 10, 0, 10, 0, 5), 2),
+        ((0, -10, 10, -10, 10, 5), 1),
+        ((0, 10, 1, 10, 1, 10, 0), 1),  # from a preload
+        ((6, 10, -10, 10, -10, 5.4), 1),  # open by 3 % of the motion
+        (SMALLER, 2),
+    ],
+)
 def test_cycles_begin_and_end_where_the_angle_comes_back(angles, count):
     """Without those of a smaller amplitude, or without the way back."""
     assert len(find_loop(path(*angles)).cycles) == count
@@ -171,39 +176,44 @@ NOISE = white_noise(FULL.size, 3)
 CREEPING = FULL + np.deg2rad(0.2) * np.linspace(1 - FULL.size / RATE, 1, FULL.size).clip(0)
 
 
-@pytest.mark.parametrize(("theta", "torque", "changes", "message"), [
-    (FULL / 100, K * FULL, {}, r" 0\.0997 deg .* 1 "),
-    (OPEN, K * OPEN, {}, r" 0\.00 deg.* 0\.00 .*9\.97 deg.* 0\.70 deg"),
-    (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20),
-     {}, r" 1 s.*shortest_cycle_s"),
-    (0 * FULL, K * FULL,
-     {}, "theta .*0"),
-    (FULL, -K * FULL, {}, "K = -200 "),
-    (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2),
-     {}, r"torque_angle\.zero"),
-    (CREEPING, K * CREEPING, {}, r"does not rest at the end.* 0\.14 deg"),
-    (FULL, K * FULL,
-     {"angle_step_deg": 5}, "angle_step_deg = 5 .* 5"),
-    (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "K = -.*150 N"),
-    (FULL, K * FULL,
-     {"settle_cycles": 2}, " 2 .*settle_cycles"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("theta", "torque", "changes", "message"),
+    [
+        (FULL / 100, K * FULL, {}, r" 0\.0997 deg .* 1 "),
+        (OPEN, K * OPEN, {}, r" 0\.00 deg.* 0\.00 .*9\.97 deg.* 0\.70 deg"),
+        (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20), {}, r" 1 s.*shortest_cycle_s"),
+        (0 * FULL, K * FULL, {}, "theta .*0"),
+        (FULL, -K * FULL, {}, "K = -200 "),
+        (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2), {}, r"torque_angle\.zero"),
+        (CREEPING, K * CREEPING, {}, r"does not rest at the end.* 0\.14 deg"),
+        (FULL, K * FULL, {"angle_step_deg": 5}, "angle_step_deg = 5 .* 5"),
+        (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "K = -.*150 N"),
+        (FULL, K * FULL, {"settle_cycles": 2}, " 2 .*settle_cycles"),
+    ],
+)
 def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, changes, message):
     with refused_with(rf"^trial foot:.*{message}"):
         fitted(theta, torque, **changes)
 
 
-@pytest.mark.parametrize(("theta", "torque", "changes", "column", "cause"), [
-    (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.05 * NOISE, {}, "doubtful", ""),
-    (FULL, K * FULL + 6 * np.linspace(0, 1, FULL.size), PLAIN, "doubtful",
-     "loop that does not close"),
-    (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped signal"),
-    (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size"),
-    (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE,
-     {}, "doubtful", "loop that does not close"),
-    # no offset beside a wide loop
-    (FULL, K * FULL + jenkins(FULL, 400, 4), {"zero": "start"}, "remarks", ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("theta", "torque", "changes", "column", "cause"),
+    [
+        (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.05 * NOISE, {}, "doubtful", ""),
+        (
+            FULL,
+            K * FULL + 6 * np.linspace(0, 1, FULL.size),
+            PLAIN,
+            "doubtful",
+            "loop that does not close",
+        ),
+        (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped signal"),
+        (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size"),
+        (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE, {}, "doubtful", "loop that does not close"),
+        # no offset beside a wide loop
+        (FULL, K * FULL + jenkins(FULL, 400, 4), {"zero": "start"}, "remarks", ""),
+    ],
+)
 def test_drift_clipping_speed_and_energy_from_nothing_are_doubtful(
     theta, torque, changes, column, cause
 ):
@@ -245,10 +255,13 @@ def test_an_error_of_the_frame_s_stiffness_is_one_of_its_compliance():
     assert row["K_high"] - row["K"] == pytest.approx(1.96 * row["K"] ** 2 * 2.5e-5, rel=0.02)
 
 
-@pytest.mark.parametrize(("stated", "lost"), [
-    ({"hysteresis": 0.02}, 0.02 / np.sqrt(12) * np.ptp(OF_CYCLES) * 4 * A),
-    ({"delay": 1e-3}, 1e-3 * 200 * np.pi * A**2 * W),  # K times the delay is a damping
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("stated", "lost"),
+    [
+        ({"hysteresis": 0.02}, 0.02 / np.sqrt(12) * np.ptp(OF_CYCLES) * 4 * A),
+        ({"delay": 1e-3}, 1e-3 * 200 * np.pi * A**2 * W),  # K times the delay is a damping
+    ],
+)
 def test_what_takes_part_in_a_loop_is_in_the_energy_that_it_loses(stated, lost):
     row = of_cycles(CYCLED, OF_CYCLES, **stated)
     plain = of_cycles(CYCLED, OF_CYCLES)

@@ -16,25 +16,34 @@ FACE = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]
 
 
 def write_c3d(
-    path: Path, points: np.ndarray, analogs: np.ndarray | None = None, rate: float = 100.0,
-    integers: bool = False, processor: int = INTEL, **parameters: object,
-) -> Path:  # fmt: skip
+    path: Path,
+    points: np.ndarray,
+    analogs: np.ndarray | None = None,
+    rate: float = 100.0,
+    integers: bool = False,
+    processor: int = INTEL,
+    **parameters: object,
+) -> Path:
     """Write raw points (frames, points, xyz and residual) and analogs (samples, channels);
     parameters `GROUP__NAME`."""
     analogs = np.zeros((len(points), 0)) if analogs is None else analogs
     ratio = len(analogs) // len(points)
     known = {
-        "POINT__USED": points.shape[1], "POINT__FRAMES": len(points),
-        "POINT__SCALE": 0.1 if integers else -0.1, "POINT__RATE": rate,
+        "POINT__USED": points.shape[1],
+        "POINT__FRAMES": len(points),
+        "POINT__SCALE": 0.1 if integers else -0.1,
+        "POINT__RATE": rate,
         "POINT__UNITS": ["mm"],
         "POINT__LABELS": [f"M{i + 1}" for i in range(points.shape[1])],
         "ANALOG__USED": analogs.shape[1],
-        "ANALOG__RATE": rate * ratio, "ANALOG__SCALE": np.ones(analogs.shape[1]),
-        "ANALOG__GEN_SCALE": 1.0, "ANALOG__OFFSET": np.zeros(analogs.shape[1], int),
+        "ANALOG__RATE": rate * ratio,
+        "ANALOG__SCALE": np.ones(analogs.shape[1]),
+        "ANALOG__GEN_SCALE": 1.0,
+        "ANALOG__OFFSET": np.zeros(analogs.shape[1], int),
         "ANALOG__LABELS": [f"A{i + 1}" for i in range(analogs.shape[1])],
         "ANALOG__UNITS": ["V"] * analogs.shape[1],
         "FORCE_PLATFORM__USED": 0,
-    }  # fmt: skip
+    }
     known["POINT__DATA_START"] = 0
     data_start = 2 + len(parameter_section({**known, **parameters}, processor)) // 512
     known["POINT__DATA_START"] = data_start
@@ -55,10 +64,12 @@ def level_plates(*corners: np.ndarray) -> dict[str, Any]:
     channels."""
     count = len(corners)
     facts = {
-        "USED": count, "TYPE": np.full(count, 2), "ORIGIN": np.zeros((3, count)),
+        "USED": count,
+        "TYPE": np.full(count, 2),
+        "ORIGIN": np.zeros((3, count)),
         "CORNERS": np.dstack([one.T for one in corners]),
         "CHANNEL": np.arange(1, 7)[:, None] + np.zeros(count, int),
-    }  # fmt: skip
+    }
     return {f"FORCE_PLATFORM__{name}": fact for name, fact in facts.items()}
 
 

@@ -39,9 +39,15 @@ def ankle(rows: int) -> tuple[np.ndarray, ...]:
 
 
 def table_text(
-    sign: str = ",", head: list[str] = HEAD, above: str = "", *,
-    t: list[str], a: list[str], m: list[str], decimal: str = ".",
-) -> str:  # fmt: skip
+    sign: str = ",",
+    head: list[str] = HEAD,
+    above: str = "",
+    *,
+    t: list[str],
+    a: list[str],
+    m: list[str],
+    decimal: str = ".",
+) -> str:
     """A table of text with columns of time, angle and torque."""
     rows = [sign.join(row).replace(".", decimal) for row in zip(t, a, m, strict=True)]
     return above + "\n".join([*[sign.join(head)] * bool(head), *rows]) + "\n"

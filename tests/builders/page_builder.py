@@ -19,10 +19,14 @@ ABOUT = {
 
 IMPEDANCE = pl.DataFrame(
     {
-        "trial": "a", "amplitude_deg": [2.0, None], "K": [90.0, 101.0],
-        "K_low": [80.0, 99.0], "K_high": [100.0, 103.0], "VAF": [97.0, 98.0],
+        "trial": "a",
+        "amplitude_deg": [2.0, None],
+        "K": [90.0, 101.0],
+        "K_low": [80.0, 99.0],
+        "K_high": [100.0, 103.0],
+        "VAF": [97.0, 98.0],
     }
-)  # fmt: skip
+)
 
 
 ROW = {"trial": "a", "experiment": "impedance", "K_d": 100.0, "log": "a.csv"}
@@ -48,9 +52,18 @@ def view(*findings, left_out=None, **changed):
 
 def page(*trials, **changed):
     facts = {
-        "about": ABOUT, "made_of": "made of <i>", "answer": "K is 300.",
-        "sentences": ["1 trial."], "notes": [],
-        "conditions": (), "groups": (), "numbers": (), "findings": (), "trials": trials,
-        "figures": (), "absent_figures": {}, "missing_results": {},
-    }  # fmt: skip
+        "about": ABOUT,
+        "made_of": "made of <i>",
+        "answer": "K is 300.",
+        "sentences": ["1 trial."],
+        "notes": [],
+        "conditions": (),
+        "groups": (),
+        "numbers": (),
+        "findings": (),
+        "trials": trials,
+        "figures": (),
+        "absent_figures": {},
+        "missing_results": {},
+    }
     return {**facts, **changed}

@@ -20,10 +20,13 @@ from osl_analysis.campaign.configuration import overriding
 
 PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
 OVERRIDES = {
-    "campaign": "small", "raw_data": "raw_data/small", "sheet": "raw_data/small/trials.csv",
-    "simulation": "config/simulation/small.yaml", "dynamometer": PROTOCOL,
+    "campaign": "small",
+    "raw_data": "raw_data/small",
+    "sheet": "raw_data/small/trials.csv",
+    "simulation": "config/simulation/small.yaml",
+    "dynamometer": PROTOCOL,
     "figures": {"frequency_response": {"K_d": 300, "B_d": 5}},
-}  # fmt: skip
+}
 """Its configuration."""
 
 FORKING = """
@@ -82,11 +85,18 @@ for line in sys.stdin:
 
 
 SMALL = {
-    "experiments": {"K_d": [200, 300], "B_d": [5.0], "belt": 2, "transmission": 2, "actuator": 2,
-    "plate": 3,
-                    "walking": 8},
-    "actuator": {"duration_s": 10}, "protocol": PROTOCOL | {"rest_s": 0.5, "lead_s": 0.5},
-}  # fmt: skip
+    "experiments": {
+        "K_d": [200, 300],
+        "B_d": [5.0],
+        "belt": 2,
+        "transmission": 2,
+        "actuator": 2,
+        "plate": 3,
+        "walking": 8,
+    },
+    "actuator": {"duration_s": 10},
+    "protocol": PROTOCOL | {"rest_s": 0.5, "lead_s": 0.5},
+}
 """What its simulation changes in the shipped settings."""
 
 

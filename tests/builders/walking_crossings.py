@@ -44,11 +44,13 @@ class Walk:
 
 
 def crossing(
-    name: str, onset: float | None = None, stance: float = 0.72,
+    name: str,
+    onset: float | None = None,
+    stance: float = 0.72,
     impedance: tuple[float, float, float] = (340.0, 5.0, 0.03),
     turn: float = TURN,
     gait: float = 1.0,
-) -> Crossing:  # fmt: skip
+) -> Crossing:
     """A crossing by formula, the same wherever its name is another one."""
     time = 0.3 + np.arange(-30, round(stance * RATE) + 30) / RATE
     phase = (time - 0.3) / stance
@@ -109,10 +111,14 @@ class Tables:
 
 
 def run_jobs(
-    folder: Path, perturbed: Sequence[str], unperturbed: Sequence[str], chosen: WalkingAnalysis,
-    sheet: Mapping[str, Mapping[str, object]] | None = None, limits: Limits | None = None,
+    folder: Path,
+    perturbed: Sequence[str],
+    unperturbed: Sequence[str],
+    chosen: WalkingAnalysis,
+    sheet: Mapping[str, Mapping[str, object]] | None = None,
+    limits: Limits | None = None,
     limits_of_groups: Limits | None = None,
-) -> Tables:  # fmt: skip
+) -> Tables:
     """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its
     order."""
     names = [*perturbed, *unperturbed]

@@ -32,8 +32,9 @@ CORNERS = [[0.25, 0.25, 0.0], [0.25, -0.25, 0.0], [-0.25, -0.25, 0.0], [-0.25, 0
 ANKLE = np.array([-0.06, 0.0, 0.09])
 LEFT = np.array([0.0, 1.0, 0.0])
 OF_WALKING = SETTINGS["walking"] | {
-    "load_on_n": 40, "longest_gap_s": 0.05,
-}  # fmt: skip
+    "load_on_n": 40,
+    "longest_gap_s": 0.05,
+}
 
 
 def settings(**changes: Any) -> WalkingAnalysis:

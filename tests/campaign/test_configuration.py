@@ -68,25 +68,28 @@ class Outer(Settings):
     several: tuple[Inner, ...] = ()
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("inner: {rate: a}\nseveral: [{nam: a}]",
-     "line 3: several.0.nam: .*rate, name, sign, cycles, vector, limits, either, plates.*'name'"),
-    ("inner:\n  rate: off", "line 3: inner.rate: 'off' .*number"),
-    # pydantic makes numbers of truth values
-    ("inner:\n  rate: true", "line 3: inner.rate: 'true' .*number"),
-    ("inner:\n  limits:\n    K: 1\n    B: true",
-     "line 5: inner.limits.B: 'true' .*number"),
-    ("inner: {cycles: [1, 200]}",
-     "line 2: inner.cycles.1: 200 .* 100$"),
-    ("inner: 7", "line 2: inner: 7 .*`name: value`"),
-    ("inner: {rate: 3 %, name: 1, sign: 3}",
-     "line 2: inner.rate: '3 %' .*0.03"),
-    ("a: 1\nb:\n- {b: 2, b: 3}\n", "line 4: .*YAML.*key"),
-    ("inner: {rate: 1e999}", "line 2: inner.rate: inf .*finite"),
-    ("a: " + "[" * 2000 + "]" * 2000, ".*YAML"),
-    ("inner: {rate: 0x" + "f" * 5000 + "}", ".*YAML with a number"),
-    ('"\\e31mkey": 3', r"line 2: \\x1b31mkey: "),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "inner: {rate: a}\nseveral: [{nam: a}]",
+            "line 3: several.0.nam: .*rate, name, sign, cycles, vector, limits, either, plates"
+            ".*'name'",
+        ),
+        ("inner:\n  rate: off", "line 3: inner.rate: 'off' .*number"),
+        # pydantic makes numbers of truth values
+        ("inner:\n  rate: true", "line 3: inner.rate: 'true' .*number"),
+        ("inner:\n  limits:\n    K: 1\n    B: true", "line 5: inner.limits.B: 'true' .*number"),
+        ("inner: {cycles: [1, 200]}", "line 2: inner.cycles.1: 200 .* 100$"),
+        ("inner: 7", "line 2: inner: 7 .*`name: value`"),
+        ("inner: {rate: 3 %, name: 1, sign: 3}", "line 2: inner.rate: '3 %' .*0.03"),
+        ("a: 1\nb:\n- {b: 2, b: 3}\n", "line 4: .*YAML.*key"),
+        ("inner: {rate: 1e999}", "line 2: inner.rate: inf .*finite"),
+        ("a: " + "[" * 2000 + "]" * 2000, ".*YAML"),
+        ("inner: {rate: 0x" + "f" * 5000 + "}", ".*YAML with a number"),
+        ('"\\e31mkey": 3', r"line 2: \\x1b31mkey: "),
+    ],
+)
 def test_what_is_wrong_in_a_file_is_told_by_line_field_value_and_remedy(tmp_path, text, said):
     (tmp_path / "a.yaml").write_bytes(f"first: 1\n{text}".encode("latin-1"))
     with refused_with(f"^{tmp_path}/a.yaml: {said}"):
@@ -97,9 +100,14 @@ NINE = range(1, 10)
 ALIASES = "a0: &a0 [x]\n" + "".join(f"a{n}: &a{n} [{f'*a{n - 1}, ' * 9}]\n" for n in NINE)
 
 
-@pytest.mark.parametrize("text", [
-    ALIASES, "a: &a [*a]", f"a: [{'1,' * 200_000}]",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        ALIASES,
+        "a: &a [*a]",
+        f"a: [{'1,' * 200_000}]",
+    ],
+)
 def test_yaml_of_more_values_than_any_file_has_is_refused_within_a_second(tmp_path, text):
     bag = tmp_path / "bag"
     bag.mkdir()
@@ -125,41 +133,43 @@ def test_a_file_without_fields_or_that_cannot_be_read_is_one_line(tmp_path, monk
             read(path)
 
 
-@pytest.mark.parametrize(("place", "value", "said"), [
-    ("walking.window_s", 0.21,
-     "window_s.*= 0.31.*shortest_stance_s = 0.3,"),
-    ("walking.load_of_weight", [1.25, 0.7], "load_of_weight: 0.7.*1.25"),
-    ("walking.markers.foot", ["A", "B", "A"], "foot: 'A'"),
-    ("walking.plate", 99, "walking.plate.* 1"),
-    ("walking.plate", "2nd", "plate: '2nd' .*: write a number without a unit"),
-    ("walking.markers.foot", ["A", "B", "PLAT1"], "markers: 'PLAT1'"),
-    ("dynamometer.cutoff_hz", 5, "cutoff_hz = 5.*frequencies_hz"),
-    ("dynamometer.windows", "2-30 20-40", "windows: '2-30 20-40' .*2-30 40-62"),
-    ("doubtful.belt.above",
-     {"stiffenning": 1}, "stiffenning.*'stiffening'"),
-    ("quality.gup", "1 s", "gup.*'gap'"),
-    # in ms, mm, deg, percent, N*mm
-    ("dynamometer.time_base.longest_gap_s", 500, "longest_gap_s: 500 .*10$"),
-    ("torque_angle.desired",
-     {"a": {"angle_deg": [0, 1e4], "torque": [0, 1]}}, "angle_deg.1:.*180$"),
-    ("torque_angle.desired", {"a": {"torque": [0, 1]}}, r"a\.angle_deg: is missing; add it"),
-    # of two settings
-    ("torque_angle.cutoff_hz", 0.5, "cutoff_hz = 0.5.*shortest_cycle_s = 2"),
-    ("data", "measured", "data: data = mea"),
-    ("walking.fewest_unperturbed", 900,
-     "900.*unperturbed.*.walking.fewest_unperturbed"),
-    ("dynamometer.compare_estimators", True, "dynamometer.compare_estimators: .*changelog"),
-    ("dynamometer.cutoff_hz", 0, "cutoff_hz: 0.*0"),
-    ("dynamometer.settle_cycles", 19, "19.*= 20"),
-    ("campaign", "a b", "campaign: 'a b' "),
-    # of files and folders
-    ("results", "README.md/below", "README.md: .*`results`"),
-    ("results", "raw_data",
-     "results = raw_data "),
-    ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: "),
-    ("parameters", "Makefile", "^parameters: Makefile:"),
-    ("sources", "source", "^source: .*`s"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        ("walking.window_s", 0.21, "window_s.*= 0.31.*shortest_stance_s = 0.3,"),
+        ("walking.load_of_weight", [1.25, 0.7], "load_of_weight: 0.7.*1.25"),
+        ("walking.markers.foot", ["A", "B", "A"], "foot: 'A'"),
+        ("walking.plate", 99, "walking.plate.* 1"),
+        ("walking.plate", "2nd", "plate: '2nd' .*: write a number without a unit"),
+        ("walking.markers.foot", ["A", "B", "PLAT1"], "markers: 'PLAT1'"),
+        ("dynamometer.cutoff_hz", 5, "cutoff_hz = 5.*frequencies_hz"),
+        ("dynamometer.windows", "2-30 20-40", "windows: '2-30 20-40' .*2-30 40-62"),
+        ("doubtful.belt.above", {"stiffenning": 1}, "stiffenning.*'stiffening'"),
+        ("quality.gup", "1 s", "gup.*'gap'"),
+        # in ms, mm, deg, percent, N*mm
+        ("dynamometer.time_base.longest_gap_s", 500, "longest_gap_s: 500 .*10$"),
+        (
+            "torque_angle.desired",
+            {"a": {"angle_deg": [0, 1e4], "torque": [0, 1]}},
+            "angle_deg.1:.*180$",
+        ),
+        ("torque_angle.desired", {"a": {"torque": [0, 1]}}, r"a\.angle_deg: is missing; add it"),
+        # of two settings
+        ("torque_angle.cutoff_hz", 0.5, "cutoff_hz = 0.5.*shortest_cycle_s = 2"),
+        ("data", "measured", "data: data = mea"),
+        ("walking.fewest_unperturbed", 900, "900.*unperturbed.*.walking.fewest_unperturbed"),
+        ("dynamometer.compare_estimators", True, "dynamometer.compare_estimators: .*changelog"),
+        ("dynamometer.cutoff_hz", 0, "cutoff_hz: 0.*0"),
+        ("dynamometer.settle_cycles", 19, "19.*= 20"),
+        ("campaign", "a b", "campaign: 'a b' "),
+        # of files and folders
+        ("results", "README.md/below", "README.md: .*`results`"),
+        ("results", "raw_data", "results = raw_data "),
+        ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: "),
+        ("parameters", "Makefile", "^parameters: Makefile:"),
+        ("sources", "source", "^source: .*`s"),
+    ],
+)
 def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(
     in_root, place, value, said
 ):
@@ -170,13 +180,16 @@ def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(
         started(overriding(SHIPPED, override))
 
 
-@pytest.mark.parametrize(("change", "said"), [
-    ({"perturbation": {"stance_phase": [0.87, 0.88]}}, "rise_s: "),
-    ({"rates": {"controller_hz": 1001}}, "controller_hz:.*1501500;"),
-    ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"),
-    ({"rates": {"analogs_hz": 1000}}, r"analogs_hz.*points_hz \(300\)"),
-    ({"gait": {"recording_s": 1.5}}, "stance_s =.*recording_s = 1.5"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"perturbation": {"stance_phase": [0.87, 0.88]}}, "rise_s: "),
+        ({"rates": {"controller_hz": 1001}}, "controller_hz:.*1501500;"),
+        ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"),
+        ({"rates": {"analogs_hz": 1000}}, r"analogs_hz.*points_hz \(300\)"),
+        ({"gait": {"recording_s": 1.5}}, "stance_s =.*recording_s = 1.5"),
+    ],
+)
 def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(
     in_root, tmp_path, change, said
 ):
@@ -218,13 +231,18 @@ def walkway(folder, log=None, mocap=None, part="", plate=2):
     return open_campaign(campaign_config(overriding(SHIPPED, own), [SHIPPED_FILE]), None)
 
 
-@pytest.mark.parametrize(("changes", "said"), [
-    ({"log": {"clock": "master"}}, "log.yaml, line 8: 'master' "),
-    # the log has no torque
-    ({"mocap": {"shared": {"column": "torque", "markers": ["A", "B", "C"]}, "analogs": {}}},
-     "line 8: 'sync'"),
-    ({"part": "b"}, "csv: trial 'w0': log_part 'b': .*csv"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"log": {"clock": "master"}}, "log.yaml, line 8: 'master' "),
+        # the log has no torque
+        (
+            {"mocap": {"shared": {"column": "torque", "markers": ["A", "B", "C"]}, "analogs": {}}},
+            "line 8: 'sync'",
+        ),
+        ({"part": "b"}, "csv: trial 'w0': log_part 'b': .*csv"),
+    ],
+)
 def test_a_wrong_source_file_concerns_its_trials(in_root, tmp_path, changes, said):
     campaign = walkway(tmp_path, **changes)
 
@@ -318,15 +336,22 @@ def test_a_changed_file_is_read_anew(tmp_path, monkeypatch):
 PARAMETERS = ROOT / "config/parameters"
 
 
-@pytest.mark.parametrize(("changes", "message"), [
-    ({"K_s": None}, "K_s"),
-    ({"K_s": {"unit": "N*mm/rad"}},
-     r"line \d+: parameters\.K_s: K_s.*unit 'N\*mm/rad',.*'N\*m/r"),
-    ({"B_j": {"value": -0.1}, "J_m": {"value": 1e-300}},
-     r"B_j = -0.1.*zero.*J_m = 1e-300 kg\*m\^2.*1e-09.*1e\+09"),
-    ({"n_T": {"value": "83/0"}}, "ratio.*83/18"),
-    ({"f_G": {"value": 2}}, r"f_G = 2.0 N\*m/A.*k_tau n_m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"K_s": None}, "K_s"),
+        (
+            {"K_s": {"unit": "N*mm/rad"}},
+            r"line \d+: parameters\.K_s: K_s.*unit 'N\*mm/rad',.*'N\*m/r",
+        ),
+        (
+            {"B_j": {"value": -0.1}, "J_m": {"value": 1e-300}},
+            r"B_j = -0.1.*zero.*J_m = 1e-300 kg\*m\^2.*1e-09.*1e\+09",
+        ),
+        ({"n_T": {"value": "83/0"}}, "ratio.*83/18"),
+        ({"f_G": {"value": 2}}, r"f_G = 2.0 N\*m/A.*k_tau n_m"),
+    ],
+)
 def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
     content = yaml.safe_load((PARAMETERS / "default.yaml").read_text())
     for name, value in changes.items():
@@ -409,7 +434,7 @@ def test_each_experiment_follows_what_it_uses_and_no_more(tmp_path, in_root):
         ({"impedance_trajectory": None}, "walking"),
         ({"parameters": OTHER}, "belt transmission actuator impedance walking"),
         ({"dynamometer": {"cycles": 7}}, "transmission impedance"),
-    ):  # fmt: skip
+    ):
         other = configured(tmp_path, **change)
         assert [
             name

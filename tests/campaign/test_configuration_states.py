@@ -32,11 +32,15 @@ from osl_analysis.judge.recording_checks import judged_table, measured_table
 from osl_analysis.judge.rules import Grade
 
 OTHERS = {
-    "parameters": "config/parameters/osl-v2-published.yaml", "impedance_trajectory": "other.csv",
-    "dynamometer.amplitudes_deg": [20], "dynamometer.frequencies_hz": [7], "dynamometer.cycles": 9,
-    "figures.midstance_stiffness": 1.0, "claims": "config/config.yaml",
+    "parameters": "config/parameters/osl-v2-published.yaml",
+    "impedance_trajectory": "other.csv",
+    "dynamometer.amplitudes_deg": [20],
+    "dynamometer.frequencies_hz": [7],
+    "dynamometer.cycles": 9,
+    "figures.midstance_stiffness": 1.0,
+    "claims": "config/config.yaml",
     "torque_angle.zero": "start",
-}  # fmt: skip
+}
 
 
 @pytest.fixture
@@ -76,10 +80,12 @@ def test_what_the_default_campaign_states_is_no_fact_of_others(name, tmp_path, w
 ASSUMED = {
     "gain_weight": {"cutoff_hz": 30, "order": 1},
     "dynamometer.load_cell_drift": 40,
-    "walking.side": "left", "walking.plate": 2,
+    "walking.side": "left",
+    "walking.plate": 2,
     "walking.markers": {},
-    "dynamometer.cutoff_hz": 12, "torque_angle.cutoff_hz": 9,
-}  # fmt: skip
+    "dynamometer.cutoff_hz": 12,
+    "torque_angle.cutoff_hz": 9,
+}
 """Other values of settings of the default, with which what nobody stated is computed."""
 
 

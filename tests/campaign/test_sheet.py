@@ -70,45 +70,59 @@ def test_a_valid_sheet_is_typed_and_blanks_and_comments_say_nothing(tmp_path, ma
 IMPEDANCE_LOG = "k,impedance,{},,k.mcap,dynamometer,,,"
 
 
-@pytest.mark.parametrize(("line", "told"), [
-    ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment:.*;.*'belt'"),
-    ("../b1,belt,,,,,b.mcap,dynamometer,,,", "trial: '../b1'"),
-    (IMPEDANCE_LOG.format("compensated,3,-5"), "B_d: '-5'"),
-    (IMPEDANCE_LOG.format("Compensated,300,5"), "controller:.*;.*'compensated'"),
-    ("b,belt,,,,,,,,,", "log: .*mocap"),
-    ("b,belt,,,,maybe,b.mcap,leg,,,", "perturbed: 'maybe'"),
-    ("w,walking,,,,,,,w.c3d,vicon,", "perturbed: .* walking"),
-    ("w,static,,,,,,,w.c3d,,", "mocap: .*mocap_source"),
-    (f"{BELT}No", "exclude: 'No' "),
-    ("b,belt,,,,,b\u00a01.mcap,leg,,,", r"log: .*b\\xa01.mcap"),
-    (f"{BELT}slipped, again", ""),
-    ('b,belt,,,,,"b.mcap,dynamometer,,,\n', ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment:.*;.*'belt'"),
+        ("../b1,belt,,,,,b.mcap,dynamometer,,,", "trial: '../b1'"),
+        (IMPEDANCE_LOG.format("compensated,3,-5"), "B_d: '-5'"),
+        (IMPEDANCE_LOG.format("Compensated,300,5"), "controller:.*;.*'compensated'"),
+        ("b,belt,,,,,,,,,", "log: .*mocap"),
+        ("b,belt,,,,maybe,b.mcap,leg,,,", "perturbed: 'maybe'"),
+        ("w,walking,,,,,,,w.c3d,vicon,", "perturbed: .* walking"),
+        ("w,static,,,,,,,w.c3d,,", "mocap: .*mocap_source"),
+        (f"{BELT}No", "exclude: 'No' "),
+        ("b,belt,,,,,b\u00a01.mcap,leg,,,", r"log: .*b\\xa01.mcap"),
+        (f"{BELT}slipped, again", ""),
+        ('b,belt,,,,,"b.mcap,dynamometer,,,\n', ""),
+    ],
+)
 def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, told):
     with refused_with(rf"trials.csv: line 2: {told}"):
         read_sheet(sheet(tmp_path, HEADER + line + "\n"))
 
 
-@pytest.mark.parametrize(("experiment", "column", "cell"), [
-    ("static", "joint", "knee"), ("belt", "joint", "Ankle"), ("belt", "side", "both"),
-    ("static", "windows", "2-30"), ("belt", "fixture_inertia", "-1"),
-    ("actuator", "fixture_weight", "1"), ("belt", "fixture_rest_deg", "9"),
-    ("belt", "direction", "up"), ("belt", "group", "a$"), ("belt", "static", "x"),
-    ("belt", "tiral", "x"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("experiment", "column", "cell"),
+    [
+        ("static", "joint", "knee"),
+        ("belt", "joint", "Ankle"),
+        ("belt", "side", "both"),
+        ("static", "windows", "2-30"),
+        ("belt", "fixture_inertia", "-1"),
+        ("actuator", "fixture_weight", "1"),
+        ("belt", "fixture_rest_deg", "9"),
+        ("belt", "direction", "up"),
+        ("belt", "group", "a$"),
+        ("belt", "static", "x"),
+        ("belt", "tiral", "x"),
+    ],
+)
 def test_a_cell_that_its_trial_cannot_have_is_named(tmp_path, experiment, column, cell):
     text = f"trial,experiment,log,log_source,{column}\na,{experiment},a,s,{cell}\n"
     with refused_with(rf"trials.csv: line 2: {column}:"):
         read_sheet(sheet(tmp_path, text))
 
 
-@pytest.mark.parametrize(("rows", "told"), [
-    ("a,belt,h\u00fcfte,,a,s\nb,belt,Hu\u0308fte,,b,s\n",
-     "'Hu.fte'.*'h.fte'"),
-    ("b,belt,,,a,s\nb,belt,,,b,s\n", "trial 'b'"),
-    ("b,belt,,,a,s\nB,belt,,,b,s\n", "trial 'B'.*'b'"),
-    ('b,"belt",,,a,s\nc,calibration,,,a,s\n', "calibration.*known_K.*known_percent"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        ("a,belt,h\u00fcfte,,a,s\nb,belt,Hu\u0308fte,,b,s\n", "'Hu.fte'.*'h.fte'"),
+        ("b,belt,,,a,s\nb,belt,,,b,s\n", "trial 'b'"),
+        ("b,belt,,,a,s\nB,belt,,,b,s\n", "trial 'B'.*'b'"),
+        ('b,"belt",,,a,s\nc,calibration,,,a,s\n', "calibration.*known_K.*known_percent"),
+    ],
+)
 def test_a_row_that_does_not_fit_the_others_is_named(tmp_path, rows, told):
     with refused_with(rf"trials.csv: line 3:.*{told}"):
         read_sheet(sheet(tmp_path, "trial,experiment,joint,side,log,log_source\n" + rows))
@@ -120,12 +134,16 @@ def test_a_cell_of_several_lines_counts_as_such(tmp_path):
         read_sheet(sheet(tmp_path, text))
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("", "trials.csv: .*CSV UTF-8"), (HEADER, "trials.csv: .*CSV UTF-8"),
-    ("trial,experiment,log,log\nb,belt,a,b\n", "trials.csv: "),
-    ("trial\texperiment\na\tbelt\n", "'CSV UTF-8'"),
-    (b"PK\x03\x04xl/\0\0", "trials.csv: .*CSV UTF-8"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "trials.csv: .*CSV UTF-8"),
+        (HEADER, "trials.csv: .*CSV UTF-8"),
+        ("trial,experiment,log,log\nb,belt,a,b\n", "trials.csv: "),
+        ("trial\texperiment\na\tbelt\n", "'CSV UTF-8'"),
+        (b"PK\x03\x04xl/\0\0", "trials.csv: .*CSV UTF-8"),
+    ],
+)
 def test_a_wrong_sheet_is_refused_with_what_to_do(tmp_path, text, message):
     with refused_with(message):
         read_sheet(sheet(tmp_path, text))
@@ -222,20 +240,26 @@ def test_a_trial_has_the_files_that_its_row_names(tmp_path):
     assert campaign.recording("w").items() <= campaign.rows["w"].items()
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    (PLACED_TRIALS, "walking.*3.*unperturbed.*,.*1;"),
-    (PLACED_TRIALS + UNPERTURBED, "walking.*2.*perturbed"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (PLACED_TRIALS, "walking.*3.*unperturbed.*,.*1;"),
+        (PLACED_TRIALS + UNPERTURBED, "walking.*2.*perturbed"),
+    ],
+)
 def test_walking_needs_several_crossings_of_either_kind(tmp_path, text, message):
     check_campaign(opened(tmp_path))
     with refused_with(message):
         check_campaign(opened(tmp_path, text))
 
 
-@pytest.mark.parametrize(("changes", "told"), [
-    ({"speed": "fast"}, r"trials\.csv: trial \w: .*speed"),
-    ({"accept": "gap gaps"}, "trial 'x': accept: 'gaps'.*rate, gap"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"speed": "fast"}, r"trials\.csv: trial \w: .*speed"),
+        ({"accept": "gap gaps"}, "trial 'x': accept: 'gaps'.*rate, gap"),
+    ],
+)
 def test_a_condition_of_one_crossing_and_an_unknown_check_are_refused(tmp_path, changes, told):
     with refused_with(told):
         check_campaign(opened(tmp_path, rows=cells(tmp_path, "x", **changes)))
@@ -315,9 +339,14 @@ def test_the_default_campaign_is_that_of_the_paper():
     rows = plan_trials(read_yaml(DEFAULT, SimulationSettings)).values()
 
     assert Counter(row["experiment"] for row in rows) == {
-        "belt": 10, "transmission": 5, "actuator": 3, "impedance": 32, "static": 1, "plate": 6,
+        "belt": 10,
+        "transmission": 5,
+        "actuator": 3,
+        "impedance": 32,
+        "static": 1,
+        "plate": 6,
         "walking": 60,
-    }  # fmt: skip
+    }
     conditions = itertools.product(CONTROLLERS, (100, 200, 300, 400), (0, 2.5, 5, 7.5))
     planned = {(row["controller"], row["K_d"], row["B_d"]) for row in rows if row["K_d"]}
     assert planned == {*conditions}
@@ -338,19 +367,28 @@ TONE = {"frequency_hz": 200, "size": 1}
 NOISE = {"name": "a", "kind": "noise", "rms_deg": 2}
 
 
-@pytest.mark.parametrize(("place", "value", "match"), [
-    ("effects.load_cell_noise.unit", "mN*m", r"effects.load_cell_noise.*unit.*'N\*m'"),
-    ("effects.control_delay.size", 1.5, "effects.control_delay.*1.5"),
-    ("drivetrain.control_updates", 3, "drivetrain.*control_updates.*substeps"),
-    ("protocol.cycles", [2, 3, 4], "frequencies"),
-    ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}],
-     "2.0.*6.0"),
-    ("actuator", {"duration_s": 3, "fade_s": 1, "velocity": [TONE], "current": [TONE]}, "fade_s"),
-    ("experiments.walking", 3, "'walking'.*settings"),
-    ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz: 1 Hz"),
-    ("excitations",
-     [NOISE | {"rms_deg": 120}], "excitations.0.rms_deg: 120.*60"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("place", "value", "match"),
+    [
+        ("effects.load_cell_noise.unit", "mN*m", r"effects.load_cell_noise.*unit.*'N\*m'"),
+        ("effects.control_delay.size", 1.5, "effects.control_delay.*1.5"),
+        ("drivetrain.control_updates", 3, "drivetrain.*control_updates.*substeps"),
+        ("protocol.cycles", [2, 3, 4], "frequencies"),
+        (
+            "excitations",
+            [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}],
+            "2.0.*6.0",
+        ),
+        (
+            "actuator",
+            {"duration_s": 3, "fade_s": 1, "velocity": [TONE], "current": [TONE]},
+            "fade_s",
+        ),
+        ("experiments.walking", 3, "'walking'.*settings"),
+        ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz: 1 Hz"),
+        ("excitations", [NOISE | {"rms_deg": 120}], "excitations.0.rms_deg: 120.*60"),
+    ],
+)
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     path = settings_with(tmp_path, place, value)
     with refused_with(f"^{path}: .*{match}"):

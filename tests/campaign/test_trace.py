@@ -130,9 +130,18 @@ def test_the_shipped_configuration_decides_by_its_defaults():
 
 
 NUMBER = {
-    "value": 90.1, "low": 89.0, "high": 91.2, "interval": "95 %", "unit": "N*m/rad", "draft": None,
-    "meaning": "stiffness", "n": 1, "n_doubtful": 1, "table": "impedance", "trials": ["a"],
-}  # fmt: skip
+    "value": 90.1,
+    "low": 89.0,
+    "high": 91.2,
+    "interval": "95 %",
+    "unit": "N*m/rad",
+    "draft": None,
+    "meaning": "stiffness",
+    "n": 1,
+    "n_doubtful": 1,
+    "table": "impedance",
+    "trials": ["a"],
+}
 
 
 def summary_of(folder):
@@ -162,10 +171,15 @@ def test_a_number_is_traced_to_its_files_trials_and_settings(tmp_path, asked):
     text = trace_text(summary, asked)
 
     for told in (
-        "tables/impedance.csv; 1 of 2 left out as doubtful", "trial a: a.csv 555555555555",
-        f"source bench {summary['trace']['stated']['source bench']}", "dynamometer.cutoff_hz 15.0",
-        "accept of b", "digest c0de", "numpy 2.0", "digest of all: d1g357",
-    ):  # fmt: skip
+        "tables/impedance.csv; 1 of 2 left out as doubtful",
+        "trial a: a.csv 555555555555",
+        f"source bench {summary['trace']['stated']['source bench']}",
+        "dynamometer.cutoff_hz 15.0",
+        "accept of b",
+        "digest c0de",
+        "numpy 2.0",
+        "digest of all: d1g357",
+    ):
         assert told in text
     assert "trial b" not in text
     assert "walking.cutoff_hz" not in text

@@ -79,9 +79,12 @@ def test_a_bundle_is_a_whole_campaign_elsewhere(campaign, tmp_path, monkeypatch)
         listed[name] = digest
         assert sha256((elsewhere / name).read_bytes()).hexdigest() == digest
     assert {name for name in listed if not name.startswith("results/")} == {
-        "config.yaml", "parameters/device.yaml", "recordings/day/first.csv", "sheet/trials.csv",
+        "config.yaml",
+        "parameters/device.yaml",
+        "recordings/day/first.csv",
+        "sheet/trials.csv",
         "sources/lab/bench.yaml",
-    }  # fmt: skip
+    }
 
     for folder in (tmp_path / "session", campaign):
         folder.rename(folder.with_name(f"{folder.name}_gone"))

@@ -126,14 +126,17 @@ def test_fit_says_what_it_cannot_check_and_takes_an_overriding_file(folder, tmp_
     assert [other[name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
 
 
-@pytest.mark.parametrize("refused", [
-    "--stiffness nan",
-    "--damping -3",
-    "--controller compnsated",
-    "--windows 2-",
-    "--windows 200-300",
-    "--model belt --stiffness 3",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "refused",
+    [
+        "--stiffness nan",
+        "--damping -3",
+        "--controller compnsated",
+        "--windows 2-",
+        "--windows 200-300",
+        "--model belt --stiffness 3",
+    ],
+)
 def test_what_is_refused_of_an_option_is_told_by_the_option(folder, refused):
     *_, option, _ = arguments = refused.split()
     said = one_line(call("fit", folder / f"{TRIAL}.parquet", *arguments))
@@ -177,16 +180,13 @@ def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper(tmp_path
 
 
 MISTAKES = {
-    r"--weight-hz: .*cutoff_hz: 1e\+300 .* 10000": (*GAINS,
-    "--weight-hz", 1e300),
+    r"--weight-hz: .*cutoff_hz: 1e\+300 .* 10000": (*GAINS, "--weight-hz", 1e300),
     r"osl-analysis init FOLDER --from \.`": ("fit", "README.md"),
     "profiles/slrm.*profiles/slurm": ("run", "--workflow-profile", "profiles/slrm"),
-    r"no\.mcap: ": ("ingest", "--log", "no.mcap", "--log-source", "leg",
-    "--output", "no.parquet"),
+    r"no\.mcap: ": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),
     r"\\x1b\[31mred: ": ("fit", "\x1b[31mred"),
-    r"o\\udcff\.csv: .*UTF-8": (*GAINS, "--output",
-    os.fsdecode(b"o\xff.csv")),
-}  # fmt: skip
+    r"o\\udcff\.csv: .*UTF-8": (*GAINS, "--output", os.fsdecode(b"o\xff.csv")),
+}
 UNFIT = {
     "--trajectory": (*GAINS, "--trajectory", SYNTHETIC),
     "'100:400:50'": ("gains", "--stiffness", "100:400:50", "--damping", 5),
@@ -196,7 +196,7 @@ UNFIT = {
     "is a folder": ("inspect", ".", "--draft", "s.yaml"),
     "/a.csv": ("fit", "a.csv", "--plot", "../{}/a.csv"),
     "--from": ("init", "new", "--example", "--from", "."),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("message", MISTAKES)

@@ -56,15 +56,17 @@ KNOWN = DesiredImpedance("compensated", 200, 4)
 
 
 @least_squares_alone
-@pytest.mark.parametrize(("experiment", "changes", "words"), [
-    ("transmission", {"torque": -1}, "B_j = -0.4.*`sign`"),
-    ("belt", {"torque": -1}, "K_s = -68.*`sign`"),
-    ("actuator", {"current": -1}, "k_tau_n_m = -1.02, f_C = 0.*;.*`sign`.*current"),
-    ("actuator", {"torque_m": -1}, "k_tau_n_m = -1.02, f_C = -0.*;.*`sign`.*torque_m"),
-    ("actuator", {"theta_m": -1}, "k_tau_n_m = 1.02, f_C = -0.*;.*`sign`.*theta_m"),
-    ("belt", {"theta": 57.3, "theta_m": 57.3},
-     "theta.*rad.*;.*`unit: deg`.*theta.*: K_s 6"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("experiment", "changes", "words"),
+    [
+        ("transmission", {"torque": -1}, "B_j = -0.4.*`sign`"),
+        ("belt", {"torque": -1}, "K_s = -68.*`sign`"),
+        ("actuator", {"current": -1}, "k_tau_n_m = -1.02, f_C = 0.*;.*`sign`.*current"),
+        ("actuator", {"torque_m": -1}, "k_tau_n_m = -1.02, f_C = -0.*;.*`sign`.*torque_m"),
+        ("actuator", {"theta_m": -1}, "k_tau_n_m = 1.02, f_C = -0.*;.*`sign`.*theta_m"),
+        ("belt", {"theta": 57.3, "theta_m": 57.3}, "theta.*rad.*;.*`unit: deg`.*theta.*: K_s 6"),
+    ],
+)
 def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
     with refused_with(words):
         judged(experiment, changed(experiment, **changes))
@@ -84,10 +86,13 @@ def test_a_negative_stiffness_is_a_wrong_sign_where_one_is_stated():
 TURNING = np.sin(np.arange(1000) / 10)
 
 
-@pytest.mark.parametrize(("theta", "words", "is_tried"), [
-    (7 * TURNING, "theta.*[+-]7 rad.*`largest_angle`", True),
-    (TURNING % (2 * np.pi), "`wraps_at: 360`", False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("theta", "words", "is_tried"),
+    [
+        (7 * TURNING, "theta.*[+-]7 rad.*`largest_angle`", True),
+        (TURNING % (2 * np.pi), "`wraps_at: 360`", False),
+    ],
+)
 def test_another_unit_of_a_too_large_angle_is_tried_where_nothing_jumps(theta, words, is_tried):
     trial = joint_trial(np.arange(1000) / 100, theta, 9 * theta)
     with pytest.raises(InputError, match=words) as refused:
@@ -96,10 +101,15 @@ def test_another_unit_of_a_too_large_angle_is_tried_where_nothing_jumps(theta, w
     assert tried == (pytest.approx([np.pi / 180, 1e-3]) if is_tried else [])  # deg, mrad
 
 
-@pytest.mark.parametrize(("step", "factor"), [
-    (2 * np.pi / 2**14, 1.0), (np.radians(2 * np.pi / 2**14), 180 / np.pi), (0.0, None),
-    (1e-3, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("step", "factor"),
+    [
+        (2 * np.pi / 2**14, 1.0),
+        (np.radians(2 * np.pi / 2**14), 180 / np.pi),
+        (0.0, None),
+        (1e-3, None),
+    ],
+)
 def test_the_step_of_an_encoder_tells_radians_from_degrees(step, factor):
     assert unit_of_step(step) == factor
 
@@ -136,38 +146,58 @@ def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque(experiment):
     assert found["doubtful"] is None
 
 
-@pytest.mark.parametrize(("experiment", "changes"), [
-    *((experiment, {}) for experiment in RECORDINGS),
-    # a device that differs
-    ("belt", {"torque": 0.8}), ("belt", {"torque": 1.3}), ("actuator", {"torque_m": 1.5**0.5}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("experiment", "changes"),
+    [
+        *((experiment, {}) for experiment in RECORDINGS),
+        # a device that differs
+        ("belt", {"torque": 0.8}),
+        ("belt", {"torque": 1.3}),
+        ("actuator", {"torque_m": 1.5**0.5}),
+    ],
+)
 def test_a_sound_recording_is_not_doubtful(experiment, changes):
     row = judged(experiment, changed(experiment, **changes))
     assert row["doubtful"] is None
 
 
 @least_squares_alone
-@pytest.mark.parametrize(("experiment", "changes", "cause", "column", "side"), [
-    ("actuator", {"theta_m": 180 / np.pi}, "unlikely size", "J_m_ratio", "below"),
-    ("actuator", {"torque_m": 0.113}, "another unit", "k_tau_n_m_ratio", "below"),
-    ("belt", {"torque": 4.4482}, "another unit", "K_s_ratio", "above"),
-    ("transmission", {"torque": 0.01}, "another unit", "B_j_ratio", "below"),
-    # within the limits of a device that differs, a factor between units is named where a witness
-    # agrees
-    ("belt", {"torque": 1 / 1.3558}, "another unit", "K_s_ratio", "near"),
-    ("transmission", {"torque": 1.3558}, "another unit", "B_j_ratio", "near"),
-    *(("actuator", {"current": factor}, "another unit", "k_tau_n_m_ratio", side)
-      for factor, side in ((1.5**0.5, "near"), (2**0.5, "below"), (3**-0.5, "above"))),
-    ("impedance", {"torque": 0.01}, "unlikely size", "K_ratio", "below"),
-    ("impedance", {"torque": 4.4482}, "unlikely size", "K_over_K_s", "above"),
-    ("impedance", {"torque": clipped}, "clipped signal", "saturated_samples", "above"),
-    ("actuator", {"current": clipped}, "clipped signal", "saturated_samples", "above"),
-    ("belt", {"theta": lambda x: x.clip(max=0.9 * x.max())}, "clipped signal",
-     "saturated_samples", "above"),
-    # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to the damping
-    ("belt", {"torque": lambda torque: np.roll(torque, 2)}, "delay of the torque", "B_loading_high",
-     "below"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("experiment", "changes", "cause", "column", "side"),
+    [
+        ("actuator", {"theta_m": 180 / np.pi}, "unlikely size", "J_m_ratio", "below"),
+        ("actuator", {"torque_m": 0.113}, "another unit", "k_tau_n_m_ratio", "below"),
+        ("belt", {"torque": 4.4482}, "another unit", "K_s_ratio", "above"),
+        ("transmission", {"torque": 0.01}, "another unit", "B_j_ratio", "below"),
+        # within the limits of a device that differs, a factor between units is named where a
+        # witness agrees
+        ("belt", {"torque": 1 / 1.3558}, "another unit", "K_s_ratio", "near"),
+        ("transmission", {"torque": 1.3558}, "another unit", "B_j_ratio", "near"),
+        *(
+            ("actuator", {"current": factor}, "another unit", "k_tau_n_m_ratio", side)
+            for factor, side in ((1.5**0.5, "near"), (2**0.5, "below"), (3**-0.5, "above"))
+        ),
+        ("impedance", {"torque": 0.01}, "unlikely size", "K_ratio", "below"),
+        ("impedance", {"torque": 4.4482}, "unlikely size", "K_over_K_s", "above"),
+        ("impedance", {"torque": clipped}, "clipped signal", "saturated_samples", "above"),
+        ("actuator", {"current": clipped}, "clipped signal", "saturated_samples", "above"),
+        (
+            "belt",
+            {"theta": lambda x: x.clip(max=0.9 * x.max())},
+            "clipped signal",
+            "saturated_samples",
+            "above",
+        ),
+        # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to the damping
+        (
+            "belt",
+            {"torque": lambda torque: np.roll(torque, 2)},
+            "delay of the torque",
+            "B_loading_high",
+            "below",
+        ),
+    ],
+)
 def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, changes, cause, column, side):
     row = judged(
         experiment,
@@ -194,22 +224,32 @@ OWN = DesiredImpedance("own", 200, None)
 
 
 @least_squares_alone
-@pytest.mark.parametrize(("asked", "column", "factor", "side"), [
-    (KNOWN, "K_ratio", 0.9, "below"), (KNOWN, "K_ratio", 1.356, "above"),
-    (KNOWN, "K_ratio", 1.0, None),
-    # where gains are not known
-    (OWN, "K_over_K_d", 1e-3, "below"),
-    (OWN, "K_over_K_d", 0.7, None), (OWN, "K_over_K_d", 1.1, "above"),
-    (OWN, "K_over_K_d", 1.04, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("asked", "column", "factor", "side"),
+    [
+        (KNOWN, "K_ratio", 0.9, "below"),
+        (KNOWN, "K_ratio", 1.356, "above"),
+        (KNOWN, "K_ratio", 1.0, None),
+        # where gains are not known
+        (OWN, "K_over_K_d", 1e-3, "below"),
+        (OWN, "K_over_K_d", 0.7, None),
+        (OWN, "K_over_K_d", 1.1, "above"),
+        (OWN, "K_over_K_d", 1.04, None),
+    ],
+)
 def test_a_stiffness_unlike_what_was_asked_is_doubtful(asked, column, factor, side):
     row = judged("impedance", changed("impedance", torque=factor), asked=asked)
     assert row["beyond"].get(column) == side
 
 
-@pytest.mark.parametrize(("half_range", "B_viscous", "ratios"), [
-    (0.0, None, (1.1, 0.9)), (12.0, 1.48, (1.04, 0.74)), (30.0, None, (1.0, 0.9)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("half_range", "B_viscous", "ratios"),
+    [
+        (0.0, None, (1.1, 0.9)),
+        (12.0, 1.48, (1.04, 0.74)),
+        (30.0, None, (1.0, 0.9)),
+    ],
+)
 def test_the_nearest_of_the_range_and_damping_without_friction_are_compared(
     half_range, B_viscous, ratios
 ):
@@ -233,10 +273,16 @@ def leg():
 
 
 @least_squares_alone
-@pytest.mark.parametrize(("changes", "ratio", "causes"), [
-    ({}, 1.0, []), ({"torque": 1.3558}, 1.3558, ["another unit"]), ({"torque": 1.2}, 1.2, []),
-    ({"theta": 0.8}, None, ["unlikely size"]), ({"theta_m": -1.0}, 0.17, ["unlikely size"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "ratio", "causes"),
+    [
+        ({}, 1.0, []),
+        ({"torque": 1.3558}, 1.3558, ["another unit"]),
+        ({"torque": 1.2}, 1.2, []),
+        ({"theta": 0.8}, None, ["unlikely size"]),
+        ({"theta_m": -1.0}, 0.17, ["unlikely size"]),
+    ],
+)
 def test_torque_and_angles_of_a_leg_are_compared_with_its_belt(changes, ratio, causes):
     recording = leg()
     changed_signals = {name: factor * recording[name] for name, factor in changes.items()}
@@ -259,9 +305,14 @@ def test_a_stiffness_is_compared_with_the_belt_and_with_what_gains_give(without_
 
 
 @least_squares_alone
-@pytest.mark.parametrize(("experiment", "stiffness", "torque", "words"), [
-    ("impedance", 300, 1, "300 N"), ("belt", 1000, 1, "1000 N"), ("impedance", 3000, -1, "`sign`"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("experiment", "stiffness", "torque", "words"),
+    [
+        ("impedance", 300, 1, "300 N"),
+        ("belt", 1000, 1, "1000 N"),
+        ("impedance", 3000, -1, "`sign`"),
+    ],
+)
 def test_a_bench_that_is_softer_than_what_it_measures_is_refused_as_such(
     experiment, stiffness, torque, words
 ):
@@ -276,9 +327,14 @@ def test_a_joint_without_stiffness_is_measured_on_a_bench_that_yields():
     check_stiffer("made", "K", -0.1, BenchStiffness(value="3000 N*m/rad"))
 
 
-@pytest.mark.parametrize(("torque", "reached"), [
-    (lambda x: x, "2"), (lambda x: x - x.max(), "5"), (lambda x: x - x.min(), "5"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("torque", "reached"),
+    [
+        (lambda x: x, "2"),
+        (lambda x: x - x.max(), "5"),
+        (lambda x: x - x.min(), "5"),
+    ],
+)
 def test_a_torque_beyond_the_load_cell_s_range_is_refused(torque, reached):
     stated = BENCH.model_copy(update={"load_cell_range": 20.0})
     words = rf"torque.*{reached}.*N\*m,.*20 N\*m.*`load_cell_range`"
@@ -286,11 +342,14 @@ def test_a_torque_beyond_the_load_cell_s_range_is_refused(torque, reached):
         judged("impedance", changed("impedance", torque=torque), stated)
 
 
-@pytest.mark.parametrize(("steps", "refused"), [
-    ([1e-6] * 50, True),
-    ([5e-6] * 40 + [5e-3] * 10, False),  # a late host: five samples at once
-    ([0.0] * 30 + [1e-3] * 21, False),  # few decimals were printed
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("steps", "refused"),
+    [
+        ([1e-6] * 50, True),
+        ([5e-6] * 40 + [5e-3] * 10, False),  # a late host: five samples at once
+        ([0.0] * 30 + [1e-3] * 21, False),  # few decimals were printed
+    ],
+)
 def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused):
     time = np.cumsum([0.0, *np.random.default_rng(1).permutation(steps)])
     # below 1.2 rad

@@ -236,10 +236,8 @@ def test_a_figure_is_in_the_paper_s_style_and_a_result_cannot_be_changed(short):
 REFUSED = {
     "int": lambda t: osl.fit(3),
     "torque_angle`": lambda t: osl.plot_torque_angle(),
-    "'theta'.*String": lambda t: osl.check(osl.Trial("a",
-    t.samples.cast({"theta": pl.String}))),
-    "trial a: .*'time'": lambda t: osl.Trial("a",
-    t.samples.drop("time")),
+    "'theta'.*String": lambda t: osl.check(osl.Trial("a", t.samples.cast({"theta": pl.String}))),
+    "trial a: .*'time'": lambda t: osl.Trial("a", t.samples.drop("time")),
     "impedence.*'impedance'": lambda t: osl.check(t, "impedence"),
     "belt": lambda t: osl.fit(t, "belt", desired=DESIRED),
     "'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),
@@ -249,7 +247,7 @@ REFUSED = {
     "'impedance_1'": lambda t: osl.simulate_trial("x", "impedance_1"),
     "DesiredImpedance": lambda t: osl.fit(t, desired={"K_d": 300.0}),
     "windows: '' ": lambda t: osl.fit(t, windows=""),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("said", REFUSED)

@@ -35,9 +35,12 @@ from osl_analysis.walking.tables import perturbation_row
 STATED = {
     "degrees_of_freedom": math.isinf,  # where a variance is 0
     # of fewer than two trials
-    "sd": math.isnan, "se": math.isnan, "low": math.isnan, "high": math.isnan,
+    "sd": math.isnan,
+    "se": math.isnan,
+    "low": math.isnan,
+    "high": math.isnan,
     "mean": math.isnan,  # of none
-}  # fmt: skip
+}
 N = 400
 
 
@@ -122,13 +125,14 @@ def asked(y, x):
 
 FITS_OF_SIGNALS = {
     "linear_fit": lambda t, x, y: asked(y, x),
-    "fit_impedance": lambda t, x, y: fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x,
-    11)), y),
+    "fit_impedance": lambda t, x, y: fit_without_offset(
+        Motion(x, np.roll(x, 3), np.roll(x, 11)), y
+    ),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.DataFrame({"y": y}), "y"),
     "differentiate": lambda t, x, y: differentiate(t, y),
     "sampling_rate": lambda t, x, y: sampling_rate(t),
     "find_stances": lambda t, x, y: find_stances(t, 1e3 * np.clip(y, -1e20, 1e20), 30, 15, 0.1),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", FITS_OF_SIGNALS)
@@ -232,13 +236,16 @@ def crossings():
     gait, perturbed = walks()
     same = replace(gait[0], onset=perturbed[0].onset, turn=0.08)
     cases = {
-        "no response": ([gait[0]] * 4, [same] * 3), "equal crossings": ([gait[0]] * 4,
-        [perturbed[0]] * 3),
-        "exact": ([walked("u0", Walk(noise=0.0))] * 4, [walked("u0", Walk(phase=0.4,
-        noise=0.0))] * 3),
-        "no gait": ([], perturbed), "two unperturbed": (gait[:2], perturbed),
+        "no response": ([gait[0]] * 4, [same] * 3),
+        "equal crossings": ([gait[0]] * 4, [perturbed[0]] * 3),
+        "exact": (
+            [walked("u0", Walk(noise=0.0))] * 4,
+            [walked("u0", Walk(phase=0.4, noise=0.0))] * 3,
+        ),
+        "no gait": ([], perturbed),
+        "two unperturbed": (gait[:2], perturbed),
         "one perturbed": (gait, perturbed[:1]),
-    }  # fmt: skip
+    }
     for how in spoiled(gait[0].time, gait[0].theta, gait[0].torque):
         # what is usual, or as another one; and what is shorter than any stance
         usual = ("sound", "1e-160", "1e+160", "1e-300", "1e+300", "10", "2 s", "3 s", "5 e")

@@ -90,11 +90,16 @@ def test_a_folder_that_cannot_be_written_to_or_is_full_is_told(tmp_path, monkeyp
             check_working_folder()
 
 
-@pytest.mark.parametrize(("content", "message"), [
-    (None, r"t\.csv: "), ("", r"t\.csv: "),
-    ("K,B\n1,2,3\n", r"t\.csv: "), ("B\n1\n", r"t\.csv: .*'K'.* B"),
-    ("K\n1\nERROR\n", r"t\.csv: .*'K'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, r"t\.csv: "),
+        ("", r"t\.csv: "),
+        ("K,B\n1,2,3\n", r"t\.csv: "),
+        ("B\n1\n", r"t\.csv: .*'K'.* B"),
+        ("K\n1\nERROR\n", r"t\.csv: .*'K'"),
+    ],
+)
 def test_a_bad_table_is_refused_by_file_and_column_in_one_line(tmp_path, content, message):
     if content is not None:
         (tmp_path / "t.csv").write_text(content)

@@ -42,14 +42,20 @@ WRITERS = {
     "a.jsonl": ("table", "column", write_json),
     "mat": ("mat", "variable", lambda path, columns: write_mat(path, **columns)),
     "mat 7.3": ("mat", "variable", lambda path, columns: write_mat73(path, **columns)),
-    "tdms": ("tdms", "channel",
-             lambda path, columns: write_tdms(path, [(*item, {}) for item in columns.items()])),
+    "tdms": (
+        "tdms",
+        "channel",
+        lambda path, columns: write_tdms(path, [(*item, {}) for item in columns.items()]),
+    ),
     "opensim": ("opensim", "column", write_opensim),
-    "a.parquet": ("table", "column",
-                  lambda path, columns: pl.DataFrame(columns).write_parquet(path)),
+    "a.parquet": (
+        "table",
+        "column",
+        lambda path, columns: pl.DataFrame(columns).write_parquet(path),
+    ),
     "a.xlsx": ("table", "column", lambda path, columns: pl.DataFrame(columns).write_excel(path)),
     "a.h5": ("table", "column", write_hdf5),
-}  # fmt: skip
+}
 NO_TIME = {"opensim": {"column": None, "unit": None}}  # where a source file has a time of its own
 EVERY = pytest.mark.parametrize("what", WRITERS)
 OTHERS = [what for what in WRITERS if what != "csv"]
@@ -106,9 +112,11 @@ def test_a_log_that_is_cut_is_never_read_as_whole(tmp_path, what, share):
 
 
 CLOCKS = {
-    "t": TIME, "Date": 45_000 + TIME / 86_400, "LabVIEW time": 3.8e9 + TIME,
+    "t": TIME,
+    "Date": 45_000 + TIME / 86_400,
+    "LabVIEW time": 3.8e9 + TIME,
     "count_time": (1e3 * TIME + 65_500) % 2**16,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(
@@ -132,22 +140,24 @@ LATE = TIME > 0.039
 NO_LOG = [
     ({"torque": np.where(LATE, np.nan, TORQUE)}, {}, r"20 .*40 "),
     ({"torque": np.where(LATE, np.inf, TORQUE)}, {}, "inf"),
-    ({"t": np.full(40, 3.0)}, {}, r"'t'.*0\.003 s.* 40 "), ({"t": -TIME},
-     {}, "'t'"),
+    ({"t": np.full(40, 3.0)}, {}, r"'t'.*0\.003 s.* 40 "),
+    ({"t": -TIME}, {}, "'t'"),
     ({"t": np.r_[TIME[:30], TIME[20:30]]}, {}, "'t'.*row 30"),
-    ({"t": np.where(LATE, np.nan, TIME)}, {}, "'t'"), ({"angle": None, "angel": ANGLE},
-     {}, "angel"),
-    ({"big": np.full(40, 2.0**53)},
-     {"counter": "big"}, r"'big'.*9\.01e\+15"),
+    ({"t": np.where(LATE, np.nan, TIME)}, {}, "'t'"),
+    ({"angle": None, "angel": ANGLE}, {}, "angel"),
+    ({"big": np.full(40, 2.0**53)}, {"counter": "big"}, r"'big'.*9\.01e\+15"),
     ({}, {"counter": "angle"}, r"'angle'.*9\.01"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(
     ("what", "changes", "counted", "told"),
-    [*(("csv", *case) for case in NO_LOG), *((what, *NO_LOG[0]) for what in OTHERS),
-     *((what, *NO_LOG[-1]) for what in OTHERS)],
-)  # fmt: skip
+    [
+        *(("csv", *case) for case in NO_LOG),
+        *((what, *NO_LOG[0]) for what in OTHERS),
+        *((what, *NO_LOG[-1]) for what in OTHERS),
+    ],
+)
 def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes, counted, told):
     columns = {name: one for name, one in {**LOG, **changes}.items() if one is not None}
     path = written(tmp_path, what, columns)
@@ -203,8 +213,9 @@ def test_a_workbook_is_its_largest_sheet_by_the_rules_of_text(tmp_path):
     recording = formats.read(tmp_path / "a.xlsx")
 
     assert [(one.name, one.unit) for one in recording.channels] == [
-        ("Angle", "deg"), ("Torque", "Nm"),
-    ]  # fmt: skip
+        ("Angle", "deg"),
+        ("Torque", "Nm"),
+    ]
     np.testing.assert_allclose(recording.find({"column": "Torque"}).values, TORQUE, atol=1e-9)
     assert any(re.search("'data'.*notes", remark) for remark in recording.loss.remarks)
     assert recording.channels[0].rows.place(0) == "row 3"

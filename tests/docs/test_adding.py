@@ -133,8 +133,11 @@ def test_a_rule_fit_format_figure_and_finding_are_known_everywhere(
 
     done = subprocess.run(
         [sys.executable, "-c", IN_COPY],
-        cwd=project, env=environment, text=True, capture_output=True,
-    )  # fmt: skip
+        cwd=project,
+        env=environment,
+        text=True,
+        capture_output=True,
+    )
     assert (project / "answers.json").is_file(), done.stdout + done.stderr
     answers = json.loads((project / "answers.json").read_text())
     damper = pl.read_csv(project / "results/tables/damper.csv")

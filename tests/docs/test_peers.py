@@ -64,11 +64,13 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     counted = ("answered", "silent", "announced", "false_alarms")
     counts = {case: [row[n] for n in counted] for case, row in found.items()}
     assert counts == {
-        "all": [6, 2, 0, 1], "14 bits": [1, 0, 0, 1], "exact joint": [2, 0, 0, 0],
+        "all": [6, 2, 0, 1],
+        "14 bits": [1, 0, 0, 1],
+        "exact joint": [2, 0, 0, 0],
         "bursts": [1, 0, 0, 0],
         "human ankle": [0, 0, 0, 0],
         "late torque": [2, 2, 0, 0],
-    }  # fmt: skip
+    }
     # K times the delay, 300 x 2e-3, is 12 % of B
     assert found["late torque"]["bias_B"] == pytest.approx(-12, rel=0.06)
     answers = read_table(tmp_path / "answers.csv")
@@ -79,21 +81,43 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     assert set(answers["version"]) == {f"pytest {pytest.__version__}, numpy {np.__version__}"}
 
 
-@pytest.mark.parametrize(("lines", "expected"), [
-    # b, without a line, is not answered; B of ±2 % is as wide as what is off
-    (f"m,a,{RIGHT},,,",
-     {"silent": 0, "announced": 0, "false_alarms": 0, "coverage": 100, "trials": 2, "answered": 1,
-     "half_width": pytest.approx(1), "version": "mine 1.10"}),
-    (f"m,a,{OFF},,,",
-     {"silent": 1, "announced": 0, "bias_B": pytest.approx(20),
-     "coverage": pytest.approx(200 / 3)}),
-    (f"m,a,{OFF},late,,", {"silent": 0, "announced": 1, "false_alarms": 0}),
-    ("m,a,,,,,,,,,,refused,,", {"answered": 0, "silent": 0, "false_alarms": 0, "coverage": None}),
-    # as MATLAB writes no number
-    ("m,a,300,,,NaN,NaN,NaN,0.03,,,,,", {"answered": 1, "silent": 1, "bias_B": None}),
-    # its interval says that B may be 5
-    ("m,a,300,,,6,4,8,0.02,,,,,", {"silent": 0, "coverage": 100}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        # b, without a line, is not answered; B of ±2 % is as wide as what is off
+        (
+            f"m,a,{RIGHT},,,",
+            {
+                "silent": 0,
+                "announced": 0,
+                "false_alarms": 0,
+                "coverage": 100,
+                "trials": 2,
+                "answered": 1,
+                "half_width": pytest.approx(1),
+                "version": "mine 1.10",
+            },
+        ),
+        (
+            f"m,a,{OFF},,,",
+            {
+                "silent": 1,
+                "announced": 0,
+                "bias_B": pytest.approx(20),
+                "coverage": pytest.approx(200 / 3),
+            },
+        ),
+        (f"m,a,{OFF},late,,", {"silent": 0, "announced": 1, "false_alarms": 0}),
+        (
+            "m,a,,,,,,,,,,refused,,",
+            {"answered": 0, "silent": 0, "false_alarms": 0, "coverage": None},
+        ),
+        # as MATLAB writes no number
+        ("m,a,300,,,NaN,NaN,NaN,0.03,,,,,", {"answered": 1, "silent": 1, "bias_B": None}),
+        # its interval says that B may be 5
+        ("m,a,300,,,6,4,8,0.02,,,,,", {"silent": 0, "coverage": 100}),
+    ],
+)
 def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(tmp_path, lines, expected):
     """The row over all cases of some lines of answers."""
     from score import score_answers

@@ -95,11 +95,16 @@ def test_a_torque_whose_reading_tells_a_third_of_the_next_is_a_signal():
     assert not torque.why_not
 
 
-@pytest.mark.parametrize(("torque", "sign"), [
-    (READS["torque"], 1), (-READS["torque"], -1), (-READS["velocity"], 0),
-    (0.05 * READS["velocity"] - READS["theta"], 0),
-    (READS["theta"] - 0.05 * READS["velocity"], 0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("torque", "sign"),
+    [
+        (READS["torque"], 1),
+        (-READS["torque"], -1),
+        (-READS["velocity"], 0),
+        (0.05 * READS["velocity"] - READS["theta"], 0),
+        (READS["theta"] - 0.05 * READS["velocity"], 0),
+    ],
+)
 def test_a_torque_has_the_sign_by_which_a_joint_resists(torque, sign):
     """That of an inertia falls as the angle rises, and its losses go with the speed."""
     theta = RecordedChannel("column", {"column": "theta"}, "rad", numbers=READS["theta"])
@@ -116,15 +121,17 @@ def test_channels_that_begin_apart_are_compared_at_their_own_instants():
     channels = [
         RecordedChannel("channel", {"channel": name}, unit, numbers=values, times=times)
         for name, unit, values, times in (
-            ("x", "rad", READS["theta"], time), ("y", "Nm", READS["torque"][40:], time[40:]),
+            ("x", "rad", READS["theta"], time),
+            ("y", "Nm", READS["torque"][40:], time[40:]),
         )
-    ]  # fmt: skip
+    ]
 
     guesses = guessed_columns(channels)
 
     assert [(guess.column, guess.is_sure) for guess in guesses] == [
-        ("theta", True), ("torque", True),
-    ]  # fmt: skip
+        ("theta", True),
+        ("torque", True),
+    ]
 
 
 def test_a_clock_in_another_part_of_a_file_goes_before_a_rate_in_its_text(tmp_path):

@@ -130,8 +130,9 @@ def clocks(**readings):
 )
 def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken):
     for channels in (
-        clocks(t=TIME, time=factor * TIME), clocks(t=TIME, time=factor * TIME, stamp=TIME),
-    ):  # fmt: skip
+        clocks(t=TIME, time=factor * TIME),
+        clocks(t=TIME, time=factor * TIME, stamp=TIME),
+    ):
         clock, _ = choose_clock(channels)
         assert (clock.name if clock else "") == taken
 

@@ -35,9 +35,10 @@ pytestmark = pytest.mark.usefixtures("schemas_made_once")
 KINDS = {
     "config": "config/config.yaml config/campaigns/*/config.yaml config/new_campaign/[ce]*.yaml",
     "simulation": "config/simulation/[!w]*.yaml config/new_campaign/simulation_*.yaml",
-    "gait_laboratory": "config/simulation/walking.yaml", "parameters": "config/parameters/*.yaml",
+    "gait_laboratory": "config/simulation/walking.yaml",
+    "parameters": "config/parameters/*.yaml",
     "source": "config/sources/*.yaml",
-}  # fmt: skip
+}
 """The shipped files of each schema."""
 
 
@@ -55,10 +56,14 @@ HEAD = "time_s,angle_deg,torque_Nm"
 ROWS = "\n".join([HEAD, *(f"{k / 100},{k % 7},{k % 5}" for k in range(30)), ""])
 
 
-@pytest.mark.parametrize(("names", "joint"), [
-    ("HipAngle (deg),HipTorque (Nm)", "hip"), ("knee angle (deg),torque (N·m)", "knee"),
-    ("knee angle (deg),hip torque (Nm)", ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("names", "joint"),
+    [
+        ("HipAngle (deg),HipTorque (Nm)", "hip"),
+        ("knee angle (deg),torque (N·m)", "knee"),
+        ("knee angle (deg),hip torque (Nm)", ""),
+    ],
+)
 def test_the_one_joint_that_a_recording_names_is_its_joint(tmp_path, names, joint):
     (tmp_path / "a.csv").write_text(ROWS.replace(HEAD, f"time (s),{names}"))
 
@@ -70,22 +75,34 @@ def test_the_one_joint_that_a_recording_names_is_its_joint(tmp_path, names, join
     assert sheet.get_column("joint", default=pl.Series([""]))[0] == joint
 
 
-@pytest.mark.parametrize(("name", "experiment", "told"), [
-    ("belt 01", "belt", {}),
-    ("impedance_K300_B5.0_uncompensated", "impedance",
-     {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
-    ("walk_pert_03", "walking", {"perturbed": "true"}),
-    ("k9_comp_sines", "impedance", {"controller": "compensated"}),
-    ("k90_b1_nocomp_1", "impedance",
-     {"K_d": "90", "B_d": "1", "controller": "uncompensated"}),
-    ("2026-11-21_K300_B7.5_uncomp", "impedance",
-     {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
-    ("quasi-static 2", "torque_angle", {}), ("belt_motor", "ingest_only", {}),
-    ("drivetrain", "transmission", {}),
-    ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}),
-    ("static 2", "ingest_only", {}), ("unloaded", "plate", {}), ("_-.motor", "actuator", {}),
-    ("K100_B2_fixture", "ingest_only", {"K_d": "100", "B_d": "2"}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "experiment", "told"),
+    [
+        ("belt 01", "belt", {}),
+        (
+            "impedance_K300_B5.0_uncompensated",
+            "impedance",
+            {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"},
+        ),
+        ("walk_pert_03", "walking", {"perturbed": "true"}),
+        ("k9_comp_sines", "impedance", {"controller": "compensated"}),
+        ("k90_b1_nocomp_1", "impedance", {"K_d": "90", "B_d": "1", "controller": "uncompensated"}),
+        (
+            "2026-11-21_K300_B7.5_uncomp",
+            "impedance",
+            {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"},
+        ),
+        ("quasi-static 2", "torque_angle", {}),
+        ("belt_motor", "ingest_only", {}),
+        ("drivetrain", "transmission", {}),
+        ("gait_baseline", "walking", {"perturbed": "false"}),
+        ("calib", "static", {}),
+        ("static 2", "ingest_only", {}),
+        ("unloaded", "plate", {}),
+        ("_-.motor", "actuator", {}),
+        ("K100_B2_fixture", "ingest_only", {"K_d": "100", "B_d": "2"}),
+    ],
+)
 def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):
     is_capture = experiment in ("static", "plate")
     ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", is_capture)], {}, {})
@@ -127,7 +144,7 @@ def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
         ((tmp_path / "new", "--from", tmp_path / "prose"), "a.csv"),
         ((tmp_path / "new", "--from", tmp_path / "none"), "none"),
         ((tmp_path / "mine/notes.txt/new",), "notes.txt/new"),
-    ):  # fmt: skip
+    ):
         result = call("init", *arguments)
         assert (result.exit_code, said in result.stderr, len(result.stderr.splitlines())) == (
             1,
@@ -192,19 +209,28 @@ def test_shipped_files_are_valid_by_schemas_that_know_their_fields():
     assert not validators["source"].is_valid({"format": "csv", "clock": "master", "chanels": {}})
 
 
-@pytest.mark.parametrize(("names", "segment"), [
-    ("RHEE RTOE R.Heel R.Toe.Tip R.Toe.Med R.MT5 R_FCC R_FM1 Sub:RHEE RFT1 HEEL_R Right.Foot.1"
-     " RCAL", "R foot"),
-    ("LTIB R_SK1 L.Shank.Front R_TTC R.TT RSHA RS1 RSH3 R.HF left_leg_2", "RL shank"),
-    ("FOOT1 S01:HEEL Shoe3", " foot"),
-    ("RMED RMMA R_TAM RMMAL R.Ankle.Medial RAM R_med_mall", "R ankle_medial"),
-    ("ANKLE_MED", " ankle_medial"),
-    ("LANK R_FAL RLMA L.Ankle.Lat R.Ankle RLMAL r_mall RLAT", "RL ankle_lateral"),
-    ("SHANK1 TIB_M Pylon2 LEG1", " shank"),
-    ("RASI LTHI RKNE R.Knee.Med LFHD R_FTC R.Thigh.1 L_UPPER_LEG C7 RTIO LELB REARVIEW RLFC R.MT",
-     " "),
-    ("PLAT1 HEXAPOD_3 Lab:Plate2", " platform"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("names", "segment"),
+    [
+        (
+            "RHEE RTOE R.Heel R.Toe.Tip R.Toe.Med R.MT5 R_FCC R_FM1 Sub:RHEE RFT1 HEEL_R"
+            " Right.Foot.1 RCAL",
+            "R foot",
+        ),
+        ("LTIB R_SK1 L.Shank.Front R_TTC R.TT RSHA RS1 RSH3 R.HF left_leg_2", "RL shank"),
+        ("FOOT1 S01:HEEL Shoe3", " foot"),
+        ("RMED RMMA R_TAM RMMAL R.Ankle.Medial RAM R_med_mall", "R ankle_medial"),
+        ("ANKLE_MED", " ankle_medial"),
+        ("LANK R_FAL RLMA L.Ankle.Lat R.Ankle RLMAL r_mall RLAT", "RL ankle_lateral"),
+        ("SHANK1 TIB_M Pylon2 LEG1", " shank"),
+        (
+            "RASI LTHI RKNE R.Knee.Med LFHD R_FTC R.Thigh.1 L_UPPER_LEG C7 RTIO LELB REARVIEW"
+            " RLFC R.MT",
+            " ",
+        ),
+        ("PLAT1 HEXAPOD_3 Lab:Plate2", " platform"),
+    ],
+)
 def test_the_names_of_three_marker_sets_tell_side_and_segment(names, segment):
     sides, _, expected = segment.partition(" ")
     found = {name: segment_of(name) for name in names.split()}
@@ -295,13 +321,21 @@ def test_what_captures_of_walking_do_not_tell_is_to_be_edited(tmp_path, rec):
 UNITS_IN_NAMES = {
     "Nm": "torque_Nm torqueNm torque_N_m TORQUE_NM torque_m_Nm",
     "N*cm": "torque_Ncm torque_N_cm torque_N-cm torqueNcm",
-    "N*mm": "torque_Nmm torque_mNm", "kN*m": "torque_kNm",
+    "N*mm": "torque_Nmm torque_mNm",
+    "kN*m": "torque_kNm",
     "lbf*in": "torque_inlb torque_in_lb torque_lbfin",
     "lbf*ft": "torque_lbf_ft torque_lbfft torque_lbft torque_ftlb torque_ft-lbs MomentLbfFt",
-    "ozf*in": "torque_ozin torque_oz_in", "deg": "a_deg aDeg a_degrees a_m_deg",
-    "rad": "a_rad", "rev": "a_rev", "deg/s": "w_deg_s w_dps w_deg_per_s",
-    "s": "t_s t_sec", "ms": "t_ms tMs", "A": "i_A", "V": "u_V", "N*m/rad": "K_Nm_rad",
-}  # fmt: skip
+    "ozf*in": "torque_ozin torque_oz_in",
+    "deg": "a_deg aDeg a_degrees a_m_deg",
+    "rad": "a_rad",
+    "rev": "a_rev",
+    "deg/s": "w_deg_s w_dps w_deg_per_s",
+    "s": "t_s t_sec",
+    "ms": "t_ms tMs",
+    "A": "i_A",
+    "V": "u_V",
+    "N*m/rad": "K_Nm_rad",
+}
 
 
 def test_the_end_of_a_name_states_its_unit_in_any_spelling():
@@ -333,13 +367,16 @@ def triangle(turns):
     return 1 - 2 * np.abs(2 * (turns % 1) - 1)
 
 
-@pytest.mark.parametrize(("wave", "frequency_hz", "experiment"), [
-    (triangle, 0.1, "torque_angle"),
-    (lambda turns: np.sin(2 * np.pi * turns), 0.1, "torque_angle"),
-    (triangle, 0.3, "impedance"),
-    # quick strokes with rests, as of a hand
-    (lambda turns: np.clip(6 * triangle(turns), -1, 1), 0.2, "impedance"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("wave", "frequency_hz", "experiment"),
+    [
+        (triangle, 0.1, "torque_angle"),
+        (lambda turns: np.sin(2 * np.pi * turns), 0.1, "torque_angle"),
+        (triangle, 0.3, "impedance"),
+        # quick strokes with rests, as of a hand
+        (lambda turns: np.clip(6 * triangle(turns), -1, 1), 0.2, "impedance"),
+    ],
+)
 def test_a_slow_triangle_or_sine_of_counts_is_torque_over_angle(
     tmp_path, wave, frequency_hz, experiment
 ):
@@ -440,16 +477,21 @@ def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_pa
     assert is_ready
     sheet = pl.read_csv(tmp_path / "mine/trials.csv")
     assert dict(sheet.select("trial", "experiment").iter_rows()) == {
-        "hex_noload01_fwd": "plate", "static_01": "static", **dict.fromkeys(crossings, "walking")
-    }  # fmt: skip
+        "hex_noload01_fwd": "plate",
+        "static_01": "static",
+        **dict.fromkeys(crossings, "walking"),
+    }
     assert yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"] == {
         "markers": {
-            "foot": ["R_FCC", "R_FM1", "R_FM5"], "shank": ["R_SK1", "R_SK2", "R_SK3"],
+            "foot": ["R_FCC", "R_FM1", "R_FM5"],
+            "shank": ["R_SK1", "R_SK2", "R_SK3"],
             "platform": ["PLAT0", "PLAT1", "PLAT2"],
-            "ankle_medial": "R_TAM", "ankle_lateral": "R_FAL",
+            "ankle_medial": "R_TAM",
+            "ankle_lateral": "R_FAL",
         },
-        "side": "right", "plate": 2,
-    }  # fmt: skip
+        "side": "right",
+        "plate": 2,
+    }
     log = yaml.safe_load((tmp_path / "mine/sources/csv.yaml").read_text())
     assert log["clock"] == "sync"
     assert log["channels"]["theta"] == {"column": "ankle.output_position", "unit": "rad"}
@@ -460,9 +502,11 @@ def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_pa
 def test_rotations_without_markers_are_a_question_before_a_run(tmp_path, rec):
     analogs = np.ones((80, 6))
     write_c3d(
-        rec / "static_1.c3d", np.zeros((80, 0, 4)), analogs,
+        rec / "static_1.c3d",
+        np.zeros((80, 0, 4)),
+        analogs,
         ROTATION__USED=3,
-    )  # fmt: skip
+    )
 
     questions, is_ready = drafted_of(tmp_path)
 
@@ -514,8 +558,10 @@ def test_the_example_of_a_walkway_simulates_all_that_its_analysis_needs(tmp_path
 
     planned = [row["experiment"] for row in sheet.values()]
     assert {name: planned.count(name) for name in set(planned)} == {
-        "static": 1, "plate": 3, "walking": 24,
-    }  # fmt: skip
+        "static": 1,
+        "plate": 3,
+        "walking": 24,
+    }
 
 
 def test_a_recorded_theta_m_asks_for_n_t_alone(tmp_path, rec):

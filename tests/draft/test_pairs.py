@@ -37,11 +37,14 @@ def test_files_whose_names_differ_by_a_word_are_one_trial(tmp_path, second):
     assert any("`clock: start`" in question for question, _ in draft.open)
 
 
-@pytest.mark.parametrize(("files", "told"), [
-    ({"x": ENCODER, "x_torque": ("torque_Nm", OTHER)}, "does not follow"),
-    ({"x": ENCODER, "x_torque": LOAD_CELL, "x_load": ("torque_Nm", 2 * ANGLE)}, "several"),
-    ({"x_1": ENCODER, "x_2_torque": LOAD_CELL}, "missing"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        ({"x": ENCODER, "x_torque": ("torque_Nm", OTHER)}, "does not follow"),
+        ({"x": ENCODER, "x_torque": LOAD_CELL, "x_load": ("torque_Nm", 2 * ANGLE)}, "several"),
+        ({"x_1": ENCODER, "x_2_torque": LOAD_CELL}, "missing"),
+    ],
+)
 def test_files_that_may_not_be_one_trial_are_asked_and_each_keeps_its_row(tmp_path, files, told):
     write(tmp_path, **files)
 

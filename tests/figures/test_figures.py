@@ -38,10 +38,18 @@ def time_series():
     time = np.arange(0, 10, 0.01)
     torque = 30 * np.sin(8 * time)
     columns = {
-        "time": time, "theta_deg": torque / 5, "torque": torque, "torque_model": 0.99 * torque,
-        "doubtful": "", "trial": "k300", "controller": "compensated", "K_d": 300.0, "B_d": 5.0,
-        "joint": "ankle", "side": None,
-    }  # fmt: skip
+        "time": time,
+        "theta_deg": torque / 5,
+        "torque": torque,
+        "torque_model": 0.99 * torque,
+        "doubtful": "",
+        "trial": "k300",
+        "controller": "compensated",
+        "K_d": 300.0,
+        "B_d": 5.0,
+        "joint": "ankle",
+        "side": None,
+    }
     return pl.DataFrame(columns, schema_overrides={"side": pl.String})
 
 
@@ -55,9 +63,11 @@ def response_table():
     placed = responses().with_columns(looks, joint=NO_TEXT, side=NO_TEXT)
     Y = 3.5e-3 - 2e-3j
     model = {
-        "curve": LINEAR_MODEL, "frequency_hz": np.arange(1.0, 6.0), "magnitude": abs(Y),
+        "curve": LINEAR_MODEL,
+        "frequency_hz": np.arange(1.0, 6.0),
+        "magnitude": abs(Y),
         "phase_deg": np.rad2deg(np.angle(Y)),
-    }  # fmt: skip
+    }
     models = [pl.DataFrame({"controller": controller, **model}) for controller in CONTROLLERS]
     measured = plotted_numbers("fig7", placed, None, None, PAPER_WEIGHT)
     points = pl.concat([measured, *models], how="diagonal_relaxed")
@@ -70,12 +80,13 @@ def torque_angle_table():
 
 
 PLOTTED = {
-    "fig4": time_series, "fig7": response_table,
+    "fig4": time_series,
+    "fig7": response_table,
     "torque_angle": torque_angle_table,
     "fig9": lambda: plotted_numbers(
         "fig9", stored("walking_summary"), walking_fits(), SOUND, RESPONSES, 340.0
     ),
-}  # fmt: skip
+}
 
 
 def plotted(name):
@@ -276,13 +287,12 @@ LETTERING = [
     # figure, table, what changes, which numbers and marks stand in the figure, and which do not
     ("fig3", both_branches, {"doubtful": DOUBT}, ["682.9", "688.3", "oubtful"], []),
     ("fig3", both_branches, {"doubtful": ALL_DOUBTFUL}, ["ll trials are doubtful"], ["682.9"]),
-    ("fig4", left_out, {"K_d": NULL, "B_d": NULL, "controller": NO_TEXT},
-     ["k300"], ["doubtful"]),
+    ("fig4", left_out, {"K_d": NULL, "B_d": NULL, "controller": NO_TEXT}, ["k300"], ["doubtful"]),
     ("fig4", time_series, {"doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
     ("fig6", lambda: plotted("fig6"), {"doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
     ("fig5", lambda: plotted("fig5"), half_width(0.01, 0.001), [], ["95 % interval"]),
     ("fig5", lambda: plotted("fig5"), half_width(0.01, 2.0), ["95 % interval"], []),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("name", "table", "changes", "present", "absent"), LETTERING)
@@ -296,10 +306,16 @@ def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, change
 # A doubtful fit is open, dotted or dashed, and each leads to its trial.
 
 
-@pytest.mark.parametrize(("name", "panel", "order"), [
-    ("fig5", 0, ("K_d", "B_d")), ("fig5", 2, ("B_d", "K_d")), ("fig6", 0, ()), ("fig7", 0, ()),
-    ("fig7", 1, ()),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "panel", "order"),
+    [
+        ("fig5", 0, ("K_d", "B_d")),
+        ("fig5", 2, ("B_d", "K_d")),
+        ("fig6", 0, ()),
+        ("fig7", 0, ()),
+        ("fig7", 1, ()),
+    ],
+)
 def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name, panel, order):
     table, figure = drawn_once(name, TABLE_OF[name])
 
@@ -312,10 +328,13 @@ def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name,
         assert is_open.tolist() == [bool(text) for text in rows["doubtful"]]
 
 
-@pytest.mark.parametrize(("name", "table", "trials"), [
-    ("torque_angle", torque_angle_table, [CAMS[3]]),
-    ("walking_page", lambda: stored("walking_page"), ["w2"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "table", "trials"),
+    [
+        ("torque_angle", torque_angle_table, [CAMS[3]]),
+        ("walking_page", lambda: stored("walking_page"), ["w2"]),
+    ],
+)
 def test_a_curve_leads_to_its_trial_and_differs_where_its_fit_is_doubtful(name, table, trials):
     is_doubtful = pl.col("trial").is_in(trials)
     sound = table().with_columns(doubtful=NO_TEXT)
@@ -383,9 +402,12 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     lost = walking_fits(2).with_columns(K=pl.Series([None, np.nan]), group=NO_TEXT)
 
     table = plotted_numbers(
-        "fig9", groups.with_columns(mean=known, commanded=commanded),
-        pl.concat([fits, lost]), *beside, 340.0,
-    )  # fmt: skip
+        "fig9",
+        groups.with_columns(mean=known, commanded=commanded),
+        pl.concat([fits, lost]),
+        *beside,
+        340.0,
+    )
 
     panel, _, lowest = drawn("fig9", table).axes
     commands = [line.get_ydata()[0] for line in panel.lines if line.get_label() == "Commanded"]
@@ -491,11 +513,17 @@ def test_fig9_says_how_many_crossings_at_which_phase_are_fitted_for_how_long():
         assert part in lettering
 
 
-@pytest.mark.parametrize(("name", "table", "others"), [
-    ("fig6", stored("impedance").with_columns(VAF=float("nan")), []),
-    ("fig9", stored("walking_summary").with_columns(mean=NULL),
-     [walking_fits(0), SOUND, RESPONSES]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "table", "others"),
+    [
+        ("fig6", stored("impedance").with_columns(VAF=float("nan")), []),
+        (
+            "fig9",
+            stored("walking_summary").with_columns(mean=NULL),
+            [walking_fits(0), SOUND, RESPONSES],
+        ),
+    ],
+)
 def test_a_table_without_what_a_figure_shows_gives_no_points(name, table, others):
     assert plotted_numbers(name, table, *others).is_empty()
 

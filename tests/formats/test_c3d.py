@@ -68,11 +68,10 @@ def test_points_analogs_and_time_are_those_of_the_file(tmp_path):
     [
         (-300.0, False, {}, -300),
         (-300, True, {}, -300),
-        (100.0, False, {"OFFSET": 20, "SCALE": 0.5,
-                        "GEN_SCALE": 0.1}, 4),
+        (100.0, False, {"OFFSET": 20, "SCALE": 0.5, "GEN_SCALE": 0.1}, 4),
         (40_000, True, {"OFFSET": 32_768, "FORMAT": ["UNSIGNED"]}, 7232),
     ],
-)  # fmt: skip
+)
 def test_a_sample_is_raw_minus_offset_times_both_scales(
     tmp_path, raw, is_integer, parameters, expected
 ):
@@ -277,22 +276,19 @@ def wrench_of(path, row=3, **fields):
 @pytest.mark.parametrize(
     ("parameters", "stated", "told"),
     [
-        ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {},
-         "'Force.Fz1': nan"),
+        ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {}, "'Force.Fz1': nan"),
         ({}, {"plate_zero": [1, 7]}, " 7 "),
         ({"FORCE_PLATFORM__TYPE": [6]}, {}, "type 6"),
         ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "corners"),
-        ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])}, {},
-         "FORCE_PLATFORM:ORIGIN"),
+        ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])}, {}, "FORCE_PLATFORM:ORIGIN"),
         ({"POINT__UNITS": ["mmm"]}, {}, "unit 'mmm'"),
         ({"ANALOG__UNITS": ["N"]}, {}, "'Force.Fy1'"),
         ({"POINT__USED": [9]}, {}, "POINT:USED"),
         ({}, {"plates": [2]}, "plate 2"),
         ({}, {"markers": ["M1", "TOE"]}, "'TOE'"),
-        ({}, {"plate_geometry": {1: {**STATED, "channels": [*LABELS[:5], "Mz"]}}},
-         "'Mz'"),
+        ({}, {"plate_geometry": {1: {**STATED, "channels": [*LABELS[:5], "Mz"]}}}, "'Mz'"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_is_refused(tmp_path, parameters, stated, told):
     arrays = {
         name: value if "UNITS" in name else np.array(value) for name, value in parameters.items()
@@ -313,14 +309,20 @@ def test_the_corners_of_a_plate_are_in_metres_and_laboratory_axes(tmp_path):
     ("parameters", "stated"),
     [
         # of a single plate, without its dimension; and unused channels
-        ({"FORCE_PLATFORM__CORNERS": LEVEL.T, "FORCE_PLATFORM__ORIGIN": np.zeros(3),
-          "FORCE_PLATFORM__CHANNEL": np.array([1, 2, 3, 4, 5, 6, 0, 0])}, {}),
+        (
+            {
+                "FORCE_PLATFORM__CORNERS": LEVEL.T,
+                "FORCE_PLATFORM__ORIGIN": np.zeros(3),
+                "FORCE_PLATFORM__CHANNEL": np.array([1, 2, 3, 4, 5, 6, 0, 0]),
+            },
+            {},
+        ),
         ({"FORCE_PLATFORM__USED": 0}, {"plate_geometry": {1: STATED}}),
         ({"FORCE_PLATFORM__TYPE": 6}, {"plate_geometry": {1: STATED}}),
         ({}, {"plate_geometry": {1: {**STATED, "channels": [1, 2, 3, 4, 5, 6]}}}),
         ({"FORCE_PLATFORM__TYPE": 4, "FORCE_PLATFORM__CAL_MATRIX": np.eye(6)}, {}),
     ],
-)  # fmt: skip
+)
 def test_one_plate_described_in_any_way_is_one_plate(tmp_path, parameters, stated):
     path = plate_file(tmp_path, **parameters)
 
@@ -339,10 +341,12 @@ def test_a_plate_that_cannot_be_read_is_a_question(tmp_path):
 
 def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path):
     path = plate_file(
-        tmp_path, np.hstack([READINGS, 0 * READINGS]), FORCE_PLATFORM__USED=0,
+        tmp_path,
+        np.hstack([READINGS, 0 * READINGS]),
+        FORCE_PLATFORM__USED=0,
         ANALOG__LABELS=[label[:-1] for label in LABELS] * 2,
         ANALOG__UNITS=UNITS_OF_PLATE * 2,
-    )  # fmt: skip
+    )
 
     (question,) = formats.read(path).questions
     (remedy,) = re.findall("`(.*)`", question)

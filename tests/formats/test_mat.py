@@ -122,12 +122,18 @@ def written_by_matio(path, version):
         1, 2
     )
     content = {
-        "z": MatlabOpaque({"dataSet": np.column_stack([RISING, -RISING]), "chanNames": "x1",
-        "own": columns}, "nldat"),
+        "z": MatlabOpaque(
+            {"dataSet": np.column_stack([RISING, -RISING]), "chanNames": "x1", "own": columns},
+            "nldat",
+        ),
         "Test": {"when": MatlabOpaque({"data": late}, "datetime"), "plain": RISING, "note": note},
-        "times": columns, "rate": by_rate, "step": by_step, "table": table,
-        "runs": MatlabOpaqueArray(several, "run"), "unlike": MatlabOpaque({"data": 1.0}, "table"),
-    }  # fmt: skip
+        "times": columns,
+        "rate": by_rate,
+        "step": by_step,
+        "table": table,
+        "runs": MatlabOpaqueArray(several, "run"),
+        "unlike": MatlabOpaque({"data": 1.0}, "table"),
+    }
     save_to_mat(path, content, version=version)
     if version == "v7.3":  # a struct without fields, as MATLAB writes it
         with h5py.File(path, "a") as file:
@@ -138,19 +144,31 @@ def written_by_matio(path, version):
 
 
 OBJECTS = {
-    "z.dataSet(:,2)": -RISING, "z.own.Time": RISING / 1e3, "z.own.torque": RISING,
+    "z.dataSet(:,2)": -RISING,
+    "z.own.Time": RISING / 1e3,
+    "z.own.torque": RISING,
     "Test.plain": RISING,
-    "Test.when": 1795420800.00025 + RISING * 2e-3, "times.Time": RISING / 1e3,
+    "Test.when": 1795420800.00025 + RISING * 2e-3,
+    "times.Time": RISING / 1e3,
     "times.theta": -(RISING**2),
-    "rate.Time": 3 + RISING / 800, "rate.torque": RISING, "step.Time": 3 + 2 * RISING,
-    "table.late": RISING / 1e3, "table.torque": RISING, "table.theta_2": 2 * RISING,
+    "rate.Time": 3 + RISING / 800,
+    "rate.torque": RISING,
+    "step.Time": 3 + 2 * RISING,
+    "table.late": RISING / 1e3,
+    "table.torque": RISING,
+    "table.theta_2": 2 * RISING,
     "runs{2}.x": 2 * RISING,
-}  # fmt: skip
+}
 UNITS = {
-    "rate.torque": "N*m", "rate.Time": "s", "step.Time": "s", "rate.theta": "deg",
-    "table.late": "s", "z.own.Time": "s", "times.Time": "s",
+    "rate.torque": "N*m",
+    "rate.Time": "s",
+    "step.Time": "s",
+    "rate.theta": "deg",
+    "table.late": "s",
+    "z.own.Time": "s",
+    "times.Time": "s",
     "Test.when": "s",
-}  # fmt: skip
+}
 
 
 @pytest.mark.filterwarnings("ignore:duration_to_mat")

@@ -194,7 +194,11 @@ LEGAL = {
     ),
     "a chunk without a record": log(DECLARED, chunk(b""), chunk(TEN + TWENTY)),
     "messages outside of chunks": log(
-        DECLARED, chunk(TEN), INDEX, TWENTY[: 5 * ONE_MESSAGE], PRIVATE,
+        DECLARED,
+        chunk(TEN),
+        INDEX,
+        TWENTY[: 5 * ONE_MESSAGE],
+        PRIVATE,
         TWENTY[5 * ONE_MESSAGE :],
     ),
     "a private record that holds messages, which are not of the log": log(
@@ -204,7 +208,7 @@ LEGAL = {
         ),
         chunk(TWENTY),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("content", LEGAL.values(), ids=LEGAL)

@@ -42,10 +42,15 @@ FLOOR = [[500, 600, 0], [0, 600, 0], [0, 0, 0], [500, 0, 0]]
 def nexus_source(**fields):
     usual = {
         "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
-        "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x",
-        "unit": "N*mm/kg"}},
+        "outputs": {
+            "reference_ankle_moment_left": {
+                "label": "LAnkleMoment",
+                "component": "x",
+                "unit": "N*mm/kg",
+            }
+        },
         "plates": {1: {"device": "AMTI #1", "corners": FLOOR, "sign": -1}},
-    }  # fmt: skip
+    }
     return source_of("nexus_csv", **usual | fields)
 
 
@@ -62,14 +67,15 @@ def padded(text):
 EXPORT = "\n".join([DEVICES, TRAJECTORIES, MODEL])
 DRESSES = {
     "turned round": "\n".join([MODEL, TRAJECTORIES, DEVICES]),
-    "padded": padded(EXPORT), "tabs": EXPORT.replace(",", "\t"),
+    "padded": padded(EXPORT),
+    "tabs": EXPORT.replace(",", "\t"),
     "semicolons": EXPORT.replace(",", ";").replace("0.", "0,"),
     "crlf": EXPORT.replace("\n", "\r\n"),
     "capitals": EXPORT.replace("Frame,Sub Frame,", "FRAME,SUB FRAME,"),
     "at the origin": EXPORT.replace("3,,,,", "3,0,0,0,"),
     "devices of a subject": EXPORT.replace(",AMTI", ",Anna:AMTI"),
     "no blank lines": DEVICES + TRAJECTORIES + MODEL,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("text", DRESSES.values(), ids=DRESSES)
@@ -105,24 +111,24 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
     )
 
 
-@pytest.mark.parametrize(("text", "fields", "problem"), [
-    (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL,
-     {}, "line 2: .*Devices.*'fast'"),
-    (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL,
-     {}, "line 7: .* 5 "),
-    (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL,
-     {}, "trial.csv: "),
-    (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan .* 2 .* 4"),
-    (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL,
-     {}, r"line 7, Sync - Voltage 1: '\?'"),
-    (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Anna:TOE") + MODEL,
-     {}, "'TOE' .* 2 .* 1, 2"),
-    (EXPORT, {"analogs": {"sync": {"device": "EMG", "component": "1"}}},
-     "'EMG 1'.*AMTI #1 - Force"),
-    (DEVICES[:DEVICES.index("6,1")],
-     {"outputs": {}, "markers": []}, "trial.csv: "),
-    (DEVICES.replace("N.mm", "N"), {"outputs": {}}, "unit 'N' .*N\\*m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "fields", "problem"),
+    [
+        (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL, {}, "line 2: .*Devices.*'fast'"),
+        (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL, {}, "line 7: .* 5 "),
+        (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL, {}, "trial.csv: "),
+        (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan .* 2 .* 4"),
+        (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL, {}, r"line 7, Sync - Voltage 1: '\?'"),
+        (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Anna:TOE") + MODEL, {}, "'TOE' .* 2 .* 1, 2"),
+        (
+            EXPORT,
+            {"analogs": {"sync": {"device": "EMG", "component": "1"}}},
+            "'EMG 1'.*AMTI #1 - Force",
+        ),
+        (DEVICES[: DEVICES.index("6,1")], {"outputs": {}, "markers": []}, "trial.csv: "),
+        (DEVICES.replace("N.mm", "N"), {"outputs": {}}, "unit 'N' .*N\\*m"),
+    ],
+)
 def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):
     path = tmp_path / "trial.csv"
     path.write_text(text)

@@ -67,8 +67,9 @@ def test_times_of_any_writing_are_on_one_clock(tmp_path, first, second):
 
 def test_a_truth_value_that_is_no_pulse_is_refused(tmp_path):
     content = "t;a\n0;1.5\n1;True\n2;2.5\n3;2.0\n"
-    stated = csv_source(channels={"theta": {"column": "a", "unit": "deg"}},
-                        time={"column": "t", "unit": "s"})  # fmt: skip
+    stated = csv_source(
+        channels={"theta": {"column": "a", "unit": "deg"}}, time={"column": "t", "unit": "s"}
+    )
 
     said = refusal(tmp_path, content, **stated)
 

@@ -76,14 +76,17 @@ def rubbing(torque, size):
     return torque + size * np.tanh(velocity() / 2e-3)
 
 
-@pytest.mark.parametrize(("change", "family"), [
-    (partial(rubbing, size=0.4), None),
-    (with_slow_noise, None),
-    (standing, None),
-    (lambda torque: np.minimum(torque, np.quantile(torque, 0.97)), "clipping"),
-    (stiffer_forwards, "direction"),
-    (partial(np.roll, shift=3), "path"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "family"),
+    [
+        (partial(rubbing, size=0.4), None),
+        (with_slow_noise, None),
+        (standing, None),
+        (lambda torque: np.minimum(torque, np.quantile(torque, 0.97)), "clipping"),
+        (stiffer_forwards, "direction"),
+        (partial(np.roll, shift=3), "path"),
+    ],
+)
 def test_a_fault_is_named_by_its_family_and_a_sound_joint_has_none(change, family):
     found = changed(change)
 

@@ -107,11 +107,14 @@ def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
     assert fit.squares_of_unseen()[5] == pytest.approx(miss @ miss, rel=1e-6)
 
 
-@pytest.mark.parametrize(("squares", "freedom", "probability"), [
-    ([24 + 2 * np.log(3), 24], 24, 3 / 4),
-    # what leaves noise alone is certain beside a fault that leaves a little more
-    ([2e5, 2e5, 1e4, 2e3], 2e3, 1.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("squares", "freedom", "probability"),
+    [
+        ([24 + 2 * np.log(3), 24], 24, 3 / 4),
+        # what leaves noise alone is certain beside a fault that leaves a little more
+        ([2e5, 2e5, 1e4, 2e3], 2e3, 1.0),
+    ],
+)
 def test_the_odds_of_models_are_the_ratio_of_their_likelihoods(squares, freedom, probability):
     """Of noise of variance 1, exp(-squares/2); whether there is friction is not known before."""
     models = [EQ_15, EQ_15, *CANDIDATE_MODELS[4:6]]
@@ -185,11 +188,14 @@ def test_signals_that_are_too_short_are_refused():
         WorkingSpectra(BenchSignals(np.ones(100), np.ones(100), RATE))
 
 
-@pytest.mark.parametrize(("model", "value", "response"), [
-    (low_passed, 2e-3, lambda _, s: 1 / (1 + 2e-3 * s)),
-    (low_passed, -2e-3, lambda _, s: 1 + 2e-3 * s),
-    (behind_spring, 1e-3, lambda Z, _: 1 / (1 + 1e-3 * Z)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("model", "value", "response"),
+    [
+        (low_passed, 2e-3, lambda _, s: 1 / (1 + 2e-3 * s)),
+        (low_passed, -2e-3, lambda _, s: 1 + 2e-3 * s),
+        (behind_spring, 1e-3, lambda Z, _: 1 / (1 + 1e-3 * Z)),
+    ],
+)
 def test_a_path_gives_the_joint_behind_it(model, value, response):
     data = whitened(white(1e-6))
     Z = TRUE @ data.spectra.s ** np.arange(3)[:, None]

@@ -45,29 +45,52 @@ LVM = (
 TEXTS = {
     "semicolons and commas": text(";", ["Tijd [s]", "Hoek [graden]", "Koppel [Nm]"], decimal=","),
     "whole seconds beside": text(
-        head=["Time", *HEAD], t=[f"{at},{x}" for at, x in zip(since("%H:%M:%S"), T, strict=True)]),
-    "samples a second": text(",", head=[*HEAD[1:], ""], above="Abtastrate: 0.5 kS/s\n", t=A, a=M,
-    m=[""] * ROWS),
-    "LabVIEW with units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM
-    + "Y_Unit_Label\tdeg\tNewton-meter\t\n***End_of_Header***\t\n"),
+        head=["Time", *HEAD], t=[f"{at},{x}" for at, x in zip(since("%H:%M:%S"), T, strict=True)]
+    ),
+    "samples a second": text(
+        ",", head=[*HEAD[1:], ""], above="Abtastrate: 0.5 kS/s\n", t=A, a=M, m=[""] * ROWS
+    ),
+    "LabVIEW with units": text(
+        "\t",
+        ["X_Value", "Angle", "Torque", "Comment"],
+        LVM + "Y_Unit_Label\tdeg\tNewton-meter\t\n***End_of_Header***\t\n",
+    ),
     "Windows": text(";", ["Zeit [s]", "Winkel [°]", "Moment [N·m]"]).encode("cp1252"),
     "Excel's days": text(head=["Time", *HEAD[1:]], t=[f"{45413.5 + x / 86400:.12f}" for x in TIME]),
-    "counter of 32 bits": text(head=["t_us", *HEAD[1:]],
-    t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),
-    "quoted, with decimal commas": text(",", ['"t [s]"', '"angle [deg]"', '"torque [Nm]"'], **{
-        name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M),
-        strict=True)}),
-    "Biodex": text("   ", ["   TIME", "POS (ANAT)", "TORQUE"], "Session : ankle\n\n", t=["mSec", *(
-        f"{1e3 * x:.0f}" for x in TIME)], a=["DEGREES", *A], m=["N-M", *M]),
-    "ticks in a name": text(head=["t_100us", "angle:deg", "Torque_mNm"],
-    t=[f"{1e4 * x:.0f}" for x in TIME], m=[
-        f"{1e3 * x:.6f}" for x in TORQUE]),
-    "ticks of the header's resolution": text(",", ["ticks", *HEAD[1:]],
-    "# timer: 16 bit, resolution: 0.5 us\n", t=[f"{2e6 * x % 2**16:.0f}" for x in TIME]),
+    "counter of 32 bits": text(
+        head=["t_us", *HEAD[1:]], t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]
+    ),
+    "quoted, with decimal commas": text(
+        ",",
+        ['"t [s]"', '"angle [deg]"', '"torque [Nm]"'],
+        **{
+            name: [f'"{x}"'.replace(".", ",") for x in column]
+            for name, column in zip("tam", (T, A, M), strict=True)
+        },
+    ),
+    "Biodex": text(
+        "   ",
+        ["   TIME", "POS (ANAT)", "TORQUE"],
+        "Session : ankle\n\n",
+        t=["mSec", *(f"{1e3 * x:.0f}" for x in TIME)],
+        a=["DEGREES", *A],
+        m=["N-M", *M],
+    ),
+    "ticks in a name": text(
+        head=["t_100us", "angle:deg", "Torque_mNm"],
+        t=[f"{1e4 * x:.0f}" for x in TIME],
+        m=[f"{1e3 * x:.6f}" for x in TORQUE],
+    ),
+    "ticks of the header's resolution": text(
+        ",",
+        ["ticks", *HEAD[1:]],
+        "# timer: 16 bit, resolution: 0.5 us\n",
+        t=[f"{2e6 * x % 2**16:.0f}" for x in TIME],
+    ),
     "stamps that stand still": text(above="Abtastrate: 500 Hz\n\n", t=["0.000"] * ROWS),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
     "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
-}  # fmt: skip
+}
 
 
 def made(path, kind):
@@ -148,15 +171,17 @@ def test_two_clocks_that_disagree_are_a_question_and_a_doubt(tmp_path):
 def test_clocks_that_agree_and_signals_that_rise_evenly_are_no_contradiction(tmp_path):
     """Days of Excel, minutes, and stamps of whole seconds tell no more than time does; a ramp is no
     clock."""
-    frame = pl.DataFrame({
-        "time_s": TIME,
-        "Date": 45413.5 + TIME / 86400,
-        "time of the PC [min]": TIME / 60,
-        "turns": 0.003 * np.arange(TIME.size),
-        "secs": np.floor(TIME),
-        "ankle_angle_deg": ANGLE,
-        "torque_Nm": TORQUE,
-    })  # fmt: skip
+    frame = pl.DataFrame(
+        {
+            "time_s": TIME,
+            "Date": 45413.5 + TIME / 86400,
+            "time of the PC [min]": TIME / 60,
+            "turns": 0.003 * np.arange(TIME.size),
+            "secs": np.floor(TIME),
+            "ankle_angle_deg": ANGLE,
+            "torque_Nm": TORQUE,
+        }
+    )
     frame.write_parquet(tmp_path / "a.parquet")
     source = "format: table\ntime: {column: time_s, unit: s}\nchannels:\n"
     source += "  theta: {column: ankle_angle_deg, unit: deg}\n"
@@ -278,12 +303,18 @@ SOURCE = {"theta": {"column": "a", "unit": "rad"}, "torque": {"column": "q", "un
 SWEEP = np.sin(np.arange(400) / 20)
 
 
-@pytest.mark.parametrize(("stamps", "time", "told"), [
-    ((np.arange(400) * 4 + 65_000) % 2**16, {"unit": "ms"}, r"2\*\*16 ticks of 1 "),
-    ((np.arange(400) * 4000 + 2**31 - 9000) % 2**31 / 1e6, {"unit": "s"},
-     r"2\*\*31 ticks of 1e-06"),
-    (np.full(400, 4.0), {"unit": "ms", "each": "interval"}, ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("stamps", "time", "told"),
+    [
+        ((np.arange(400) * 4 + 65_000) % 2**16, {"unit": "ms"}, r"2\*\*16 ticks of 1 "),
+        (
+            (np.arange(400) * 4000 + 2**31 - 9000) % 2**31 / 1e6,
+            {"unit": "s"},
+            r"2\*\*31 ticks of 1e-06",
+        ),
+        (np.full(400, 4.0), {"unit": "ms", "each": "interval"}, ""),
+    ],
+)
 def test_a_counter_that_falls_goes_on_and_intervals_are_summed(tmp_path, stamps, time, told):
     rows = np.column_stack([stamps, SWEEP, SWEEP])
     path = tmp_path / "a.csv"
@@ -298,14 +329,20 @@ def test_a_counter_that_falls_goes_on_and_intervals_are_summed(tmp_path, stamps,
 AT_RATE = {"rate": 400.0}
 
 
-@pytest.mark.parametrize(("head", "clock", "time"), [
-    ("VUnit,V,V\nSampleRate,4.000000E+02,4.000000E+02\n", "", AT_RATE),
-    ("VUnit,V,V\nHResolution,2.5E-03,2.5E-03\n", "", AT_RATE),
-    ("Sampling period [ms],2.5,2.5", "", AT_RATE),
-    ("# resolution: 0.5 us\nticks,a,q", "{}", {"column": "ticks", "unit": "0.5 us"}),
-    ("# Gear 5:1\nms since last,a,q", "4",
-     {"column": "ms since last", "each": "interval", "unit": "ms"}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("head", "clock", "time"),
+    [
+        ("VUnit,V,V\nSampleRate,4.000000E+02,4.000000E+02\n", "", AT_RATE),
+        ("VUnit,V,V\nHResolution,2.5E-03,2.5E-03\n", "", AT_RATE),
+        ("Sampling period [ms],2.5,2.5", "", AT_RATE),
+        ("# resolution: 0.5 us\nticks,a,q", "{}", {"column": "ticks", "unit": "0.5 us"}),
+        (
+            "# Gear 5:1\nms since last,a,q",
+            "4",
+            {"column": "ms since last", "each": "interval", "unit": "ms"},
+        ),
+    ],
+)
 def test_what_a_header_tells_of_time_and_of_a_gear_is_drafted(tmp_path, head, clock, time):
     rows = [f"{clock.format(8000 * k % 65536)},{a:+.5E},{a:+.5E}" for k, a in enumerate(SWEEP)]
     (tmp_path / "a.csv").write_text("\n".join([head, *rows, ""]))

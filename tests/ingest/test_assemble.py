@@ -202,17 +202,16 @@ def stating(name, content):
 
 
 MISTAKES = [
-    (stating("vicon.yaml", BOTH), {},
-     "trial walk_1 (leg.mcap, vicon.c3d): column 'theta'"),
-    (stating("vicon.yaml", {"format": "c3d"}), {},
-    "'sync'"),
-    (stating("leg.yaml", {**LEG, "clock": "master"}), {},
-    "clock: sync"),
-    (lambda folder: write_log(folder / "leg.mcap", PERIODIC), {},
-    "trial walk_1 (leg.mcap, vicon.c3d): "),
-    (None, {"log": "elsewhere/none.bin"},
-    "elsewhere/none.bin: "),
-]  # fmt: skip
+    (stating("vicon.yaml", BOTH), {}, "trial walk_1 (leg.mcap, vicon.c3d): column 'theta'"),
+    (stating("vicon.yaml", {"format": "c3d"}), {}, "'sync'"),
+    (stating("leg.yaml", {**LEG, "clock": "master"}), {}, "clock: sync"),
+    (
+        lambda folder: write_log(folder / "leg.mcap", PERIODIC),
+        {},
+        "trial walk_1 (leg.mcap, vicon.c3d): ",
+    ),
+    (None, {"log": "elsewhere/none.bin"}, "elsewhere/none.bin: "),
+]
 
 
 @pytest.mark.parametrize(("change", "fields", "told"), MISTAKES)
@@ -273,12 +272,14 @@ def trial_of(folder, experiment="ingest_only", **files):
     return read_trial(folder / "a.parquet")
 
 
-@pytest.mark.parametrize(("angle", "torque", "unit", "told"), [
-    (-1.1e6, 0.0, "rad",
-     r"theta.*-1\.1e\+06 rad.*0\.020 s,.*-1e\+06.*1e\+06"),
-    (0.0, 1e200, "rad", r"torque.*1e\+200 N\*m.*0\.020 s"),
-    (1.7e308, 0.0, "rev", r"theta.*rad.*0\.020 s"),  # overflows in the conversion
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("angle", "torque", "unit", "told"),
+    [
+        (-1.1e6, 0.0, "rad", r"theta.*-1\.1e\+06 rad.*0\.020 s,.*-1e\+06.*1e\+06"),
+        (0.0, 1e200, "rad", r"torque.*1e\+200 N\*m.*0\.020 s"),
+        (1.7e308, 0.0, "rev", r"theta.*rad.*0\.020 s"),  # overflows in the conversion
+    ],
+)
 def test_values_that_nothing_can_reach_are_refused_with_a_remedy(
     tmp_path, angle, torque, unit, told
 ):

@@ -91,14 +91,15 @@ SOUND = slave_edges(LONG, 30.0)
 SCATTERED = SOUND._replace(time=SOUND.time + 0.004 * white_noise(SOUND.time.size, 3))
 
 
-@pytest.mark.parametrize(("in_log", "in_capture", "message"), [
-    (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "pulses vary"),
-    (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0),
-     "0 runs.* "),
-    (slave_edges(SHORT, 3.0), master_edges(SHORT[:4], 3.0),
-     "[0-4] runs.* "),
-    (SCATTERED, master_edges(LONG, 30.0), r" 2\.00 ms"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("in_log", "in_capture", "message"),
+    [
+        (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "pulses vary"),
+        (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0), "0 runs.* "),
+        (slave_edges(SHORT, 3.0), master_edges(SHORT[:4], 3.0), "[0-4] runs.* "),
+        (SCATTERED, master_edges(LONG, 30.0), r" 2\.00 ms"),
+    ],
+)
 def test_pulses_that_tell_no_one_clock_are_refused(
     in_log: Edges, in_capture: Edges, message: str
 ) -> None:
@@ -137,11 +138,14 @@ def test_an_encoder_and_markers_give_the_lag_to_a_sample(offset: float) -> None:
 HARDLY = r"-?0\.\d+"
 
 
-@pytest.mark.parametrize(("strange", "seen", "message"), [
-    (white_noise(9000, 3), MOVEMENT(WITHIN), HARDLY),
-    (MOVEMENT(WITHIN[:40]), MOVEMENT(WITHIN), "48 samples"),
-    (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1), HARDLY),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("strange", "seen", "message"),
+    [
+        (white_noise(9000, 3), MOVEMENT(WITHIN), HARDLY),
+        (MOVEMENT(WITHIN[:40]), MOVEMENT(WITHIN), "48 samples"),
+        (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1), HARDLY),
+    ],
+)
 def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
     with refused_with(message):
         correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))

@@ -22,29 +22,40 @@ CURRENT = np.round(3 * np.sin(0.4 * TURN) + np.sin(1.9 * TURN + 1), 3)
 NOISE = white_noise(TIME.size, 5)
 
 
-@pytest.mark.parametrize(("torque", "names"), [
-    (150 * ANGLE, "theta"),
-    (90 * ANGLE + 900 * ANGLE**3 + 7e5 * ANGLE**5 + 7, "theta"),
-    (np.round(150 * THETA + 12 * OMEGA, 4), "theta"),
-    (np.round(150 * ANGLE + lfilter([0.9], [1, -0.7], np.gradient(ANGLE, TIME)), 5), "theta"),
-    (0.8 * CURRENT - 20 * ANGLE, "theta.*current"),
-    (4 * CURRENT * (1 + 0.8 * ANGLE - 2 * ANGLE**2) - 0.4 * np.tanh(OMEGA / 0.2) + 0.003 * NOISE,
-     "theta and current"),
-    (0.8 * CURRENT - np.sign(SPEED) * (0.3 + 0.05 * abs(CURRENT)), "current and omega_m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("torque", "names"),
+    [
+        (150 * ANGLE, "theta"),
+        (90 * ANGLE + 900 * ANGLE**3 + 7e5 * ANGLE**5 + 7, "theta"),
+        (np.round(150 * THETA + 12 * OMEGA, 4), "theta"),
+        (np.round(150 * ANGLE + lfilter([0.9], [1, -0.7], np.gradient(ANGLE, TIME)), 5), "theta"),
+        (0.8 * CURRENT - 20 * ANGLE, "theta.*current"),
+        (
+            4 * CURRENT * (1 + 0.8 * ANGLE - 2 * ANGLE**2)
+            - 0.4 * np.tanh(OMEGA / 0.2)
+            + 0.003 * NOISE,
+            "theta and current",
+        ),
+        (0.8 * CURRENT - np.sign(SPEED) * (0.3 + 0.05 * abs(CURRENT)), "current and omega_m"),
+    ],
+)
 def test_a_torque_that_follows_from_angle_and_current_is_refused(torque, names):
     with refused_with(rf"follows.*{names}.*computed"):
         check_own_torque(trial_of(torque))
 
 
-@pytest.mark.parametrize("torque", [
-    150 * THETA + 3 * OMEGA + 0.02 * ALPHA,  # of a simulated joint
-    np.round(150 * THETA + 0.05 * NOISE),
-    150 * THETA + 3 * np.tanh(OMEGA / 0.05),
-    600 * (np.round(THETA + 0.02 * np.sin(1.3 * TURN), 5) - ANGLE),  # of a spring's two encoders
-    1.7 * CURRENT + 0.01 * NOISE,
-    1.7 * CURRENT + 0.9 * np.tanh(OMEGA / 0.05) + 0.05 * NOISE,
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "torque",
+    [
+        150 * THETA + 3 * OMEGA + 0.02 * ALPHA,  # of a simulated joint
+        np.round(150 * THETA + 0.05 * NOISE),
+        150 * THETA + 3 * np.tanh(OMEGA / 0.05),
+        600
+        * (np.round(THETA + 0.02 * np.sin(1.3 * TURN), 5) - ANGLE),  # of a spring's two encoders
+        1.7 * CURRENT + 0.01 * NOISE,
+        1.7 * CURRENT + 0.9 * np.tanh(OMEGA / 0.05) + 0.05 * NOISE,
+    ],
+)
 def test_a_torque_of_a_sensor_is_taken(torque):
     check_own_torque(trial_of(torque))
 
@@ -56,14 +67,17 @@ def test_a_torque_that_is_stated_to_be_measured_is_believed():
     check_own_torque(trial)
 
 
-@pytest.mark.parametrize(("stated", "told"), [
-    ({"column": "effort"}, "effort"),
-    ({"column": "1", "found": "torque [A]"}, "torque [A]"),
-    ({"column": "torque_from_current"}, "torque_from_current"),
-    ({"column": "torque_from_current", "measured": True}, None),
-    ({"column": "tau_est"}, "tau_est"),
-    ({"topic": "/currents", "field": "wrench.torque.z"}, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("stated", "told"),
+    [
+        ({"column": "effort"}, "effort"),
+        ({"column": "1", "found": "torque [A]"}, "torque [A]"),
+        ({"column": "torque_from_current"}, "torque_from_current"),
+        ({"column": "torque_from_current", "measured": True}, None),
+        ({"column": "tau_est"}, "tau_est"),
+        ({"topic": "/currents", "field": "wrench.torque.z"}, None),
+    ],
+)
 def test_a_torque_that_is_called_so_is_not_measured_until_it_is_stated(stated, told):
     trial = trial_of(150 * THETA)
     trial.provenance["columns"] = {"torque": stated}

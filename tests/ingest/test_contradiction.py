@@ -46,13 +46,16 @@ def speeds(folder, angle, speed, readings=SPEED):
     return told(folder, channel, **{angle: ANGLE, speed: readings})
 
 
-@pytest.mark.parametrize(("speed", "readings", "factor"), [
-    ("Gelenkgeschw. [rad/s]", np.deg2rad(SPEED), 1),
-    ("w [deg/s]", 0.8 * SPEED, 0.8),
-    ("Drehzahl [rpm]", SPEED / 6, 1),
-    ("velocity [rad/s]", SPEED, 57.3),
-    ("velocity_dps", SPEED / 2, 0.5),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("speed", "readings", "factor"),
+    [
+        ("Gelenkgeschw. [rad/s]", np.deg2rad(SPEED), 1),
+        ("w [deg/s]", 0.8 * SPEED, 0.8),
+        ("Drehzahl [rpm]", SPEED / 6, 1),
+        ("velocity [rad/s]", SPEED, 57.3),
+        ("velocity_dps", SPEED / 2, 0.5),
+    ],
+)
 def test_a_speed_that_nothing_reads_is_compared_by_its_unit(tmp_path, speed, readings, factor):
     name = f"'{speed.split(' [')[0]}'"
 
@@ -61,11 +64,14 @@ def test_a_speed_that_nothing_reads_is_compared_by_its_unit(tmp_path, speed, rea
     }
 
 
-@pytest.mark.parametrize(("name", "readings"), [
-    ("velocity_setpoint [deg/s]", SPEED),
-    ("velocity [deg/s]", white_noise(TIME.size, 4)),
-    ("speed", SPEED / 2),  # of no known unit
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "readings"),
+    [
+        ("velocity_setpoint [deg/s]", SPEED),
+        ("velocity [deg/s]", white_noise(TIME.size, 4)),
+        ("speed", SPEED / 2),  # of no known unit
+    ],
+)
 def test_a_command_noise_and_a_speed_without_a_unit_are_not_compared(tmp_path, name, readings):
     assert speeds(tmp_path, "angle", name, readings) == {}
 
@@ -114,24 +120,30 @@ def test_noise_and_a_filter_change_the_factor_by_less_than_3_percent():
     assert factor == pytest.approx(1, abs=0.03)
 
 
-@pytest.mark.parametrize(("columns", "channels", "motor"), [
-    ({"knee": ANGLE, "motor [deg]": 40 * ANGLE}, "", "'motor'"),
-    ({"knee": ANGLE, "m": 40 * ANGLE}, "\n  theta_m: {column: m, unit: deg}", "theta_m"),
-    ({"knee": ANGLE, "motor_speed [deg/s]": 40 * SPEED}, "", "'motor_speed'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("columns", "channels", "motor"),
+    [
+        ({"knee": ANGLE, "motor [deg]": 40 * ANGLE}, "", "'motor'"),
+        ({"knee": ANGLE, "m": 40 * ANGLE}, "\n  theta_m: {column: m, unit: deg}", "theta_m"),
+        ({"knee": ANGLE, "motor_speed [deg/s]": 40 * SPEED}, "", "'motor_speed'"),
+    ],
+)
 def test_how_far_the_motor_turns_beside_its_joint_is_told(tmp_path, columns, channels, motor):
     found = told(tmp_path, "theta: {column: knee, unit: deg}" + channels, **columns)
 
     assert found["gears"] == {motor: pytest.approx(40, rel=0.003)}
 
 
-@pytest.mark.parametrize(("parameters", "ratio"), [
-    ({}, None),
-    ({"n_T": 50}, None),  # a belt may yield by any share
-    ({"n_T": 5, "n_m": 8, "K_s": 15000}, 1.0),
-    ({"n_T": 50, "K_s": 600}, 1.0),  # the belt yields by 0.25 of theta
-    ({"n_T": 50, "K_s": 15000}, 0.808),  # by 0.01
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("parameters", "ratio"),
+    [
+        ({}, None),
+        ({"n_T": 50}, None),  # a belt may yield by any share
+        ({"n_T": 5, "n_m": 8, "K_s": 15000}, 1.0),
+        ({"n_T": 50, "K_s": 600}, 1.0),  # the belt yields by 0.25 of theta
+        ({"n_T": 50, "K_s": 15000}, 0.808),  # by 0.01
+    ],
+)
 def test_how_far_the_motor_turns_is_held_against_ratio_and_belt(parameters, ratio):
     samples = pl.DataFrame({"time": TIME, "theta": ANGLE, "torque": 150 * ANGLE})
     trial = Trial("a", samples, {"columns": {"theta": {"gears": {"m": 40.0}}}})

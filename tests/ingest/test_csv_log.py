@@ -24,10 +24,13 @@ from osl_analysis.base.units import (
 from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
 
 SOURCE = {
-    "format": "csv", "time": {"column": "t", "unit": "s"},
-    "channels": {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "load",
-    "unit": "Nm"}},
-}  # fmt: skip
+    "format": "csv",
+    "time": {"column": "t", "unit": "s"},
+    "channels": {
+        "theta": {"column": "angle", "unit": "rad"},
+        "torque": {"column": "load", "unit": "Nm"},
+    },
+}
 
 
 ROW = {"trial": "a", "log": "log.csv", "log_source": "source"}
@@ -58,7 +61,7 @@ def refused(folder, text, **fields):
 UNITLESS = {
     "channels": {"theta": {"column": "angle"}, "torque": {"column": "load"}},
     "time": {"column": "t"},
-}  # fmt: skip
+}
 NUMBERED = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit": "Nm"}}
 LOG = "t,angle,load\n10.0,0,1\n10.5,90,2\n11.0,-180,+3.5\n"
 
@@ -69,31 +72,32 @@ def assert_log(trial):
     np.testing.assert_allclose(trial.samples["torque"], [1, 2, 3.5], rtol=1e-12)
 
 
-@pytest.mark.parametrize(("text", "fields"), [
-    (b"\xfe\xff" + LOG.encode("utf-16-be"), {}),
-    ("# Bench 3, calibrated\n#\n" + LOG.replace("10.5", "  # pause\n10.5"), {}),
-    ("% rig B\n" + LOG.replace("10.5", "% pause\n10.5"), {"channels": NUMBERED}),
-    (LOG.partition("\n")[2],
-     {"time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
-    (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),
-    
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        (b"\xfe\xff" + LOG.encode("utf-16-be"), {}),
+        ("# Bench 3, calibrated\n#\n" + LOG.replace("10.5", "  # pause\n10.5"), {}),
+        ("% rig B\n" + LOG.replace("10.5", "% pause\n10.5"), {"channels": NUMBERED}),
+        (LOG.partition("\n")[2], {"time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
+        (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),
+    ],
+)
 def test_one_log_in_any_dress_is_one_log(tmp_path, text, fields):
     assert_log(ingested(tmp_path, text, **fields))
 
 
-@pytest.mark.parametrize(("text", "fields", "problem"), [
-    ("t,angle,load\n", {}, "log.csv: "),
-    (LOG.partition("\n")[2], {}, "'t'.* 1, 2, 3"),
-    (LOG, {"channels": {"theta": {"column": 4, "unit": "rad"}}},
-     "'4'.* t, angle"),
-    (LOG.replace("90", "deg"),
-     {}, "line 3, column 'angle': 'deg'"),
-    ("t;angle;load\n0;1,5;2\n0,1;1.234;3\n", {}, "'angle': '1,5'"),
-    (LOG.replace("90", '"90'), {}, "line 3: "),
-    (LOG, {"channels": {"theta": {"column": "angle"}}},
-     "column 'angle': .*rad"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "fields", "problem"),
+    [
+        ("t,angle,load\n", {}, "log.csv: "),
+        (LOG.partition("\n")[2], {}, "'t'.* 1, 2, 3"),
+        (LOG, {"channels": {"theta": {"column": 4, "unit": "rad"}}}, "'4'.* t, angle"),
+        (LOG.replace("90", "deg"), {}, "line 3, column 'angle': 'deg'"),
+        ("t;angle;load\n0;1,5;2\n0,1;1.234;3\n", {}, "'angle': '1,5'"),
+        (LOG.replace("90", '"90'), {}, "line 3: "),
+        (LOG, {"channels": {"theta": {"column": "angle"}}}, "column 'angle': .*rad"),
+    ],
+)
 def test_what_cannot_be_read_is_refused_by_line_or_column(tmp_path, text, fields, problem):
     assert re.search(problem, refused(tmp_path, text, **fields))
 
@@ -111,10 +115,12 @@ def test_the_shipped_source_file_reads_the_logger_of_opensourceleg(
     logger.set_stream_level(osl_logging.LogLevel.CRITICAL)
     k = 0
     functions = {
-        "time": lambda: k * 1e-3, "joint_position": lambda: np.cos(k / 50),
+        "time": lambda: k * 1e-3,
+        "joint_position": lambda: np.cos(k / 50),
         "output_position": lambda: np.sin(k / 50),
-        "motor_current": lambda: 100.0 * k, "sync": lambda: k % 100 < 50,
-    }  # fmt: skip
+        "motor_current": lambda: 100.0 * k,
+        "sync": lambda: k % 100 < 50,
+    }
     logger.track_function(list(functions.values()), list(functions))
     for k in range(400):  # noqa: B007
         logger.update()
@@ -142,16 +148,19 @@ def test_a_cut_last_line_is_told(tmp_path, cut):
     assert (damage["end_missing"], damage["read"], damage["lost"]) == (True, 3, None)
 
 
-@pytest.mark.parametrize(("stated", "in_file", "is_told"), [
-    ({"unit": "lbf*in"}, "N*m", True),
-    ({"unit": "N*m"}, "Nm", False),
-    ({"unit": "N*m", "scale": 1.03}, "Nm", False),
-    ({"unit": "N*m", "scale": 0.001}, "mNm", False),
-    ({"unit": "N*m"}, "mNm", True),
-    ({"unit": "N*m"}, "kNm", False),
-    ({"unit": "rad"}, "mrad", False),
-    ({"unit": "N*m", "scale": 12.5}, "V", False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("stated", "in_file", "is_told"),
+    [
+        ({"unit": "lbf*in"}, "N*m", True),
+        ({"unit": "N*m"}, "Nm", False),
+        ({"unit": "N*m", "scale": 1.03}, "Nm", False),
+        ({"unit": "N*m", "scale": 0.001}, "mNm", False),
+        ({"unit": "N*m"}, "mNm", True),
+        ({"unit": "N*m"}, "kNm", False),
+        ({"unit": "rad"}, "mrad", False),
+        ({"unit": "N*m", "scale": 12.5}, "V", False),
+    ],
+)
 def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(
     tmp_path, stated, in_file, is_told
 ):
@@ -210,15 +219,21 @@ def test_devices_with_rows_of_their_own_are_joined_as_topics_are(tmp_path):
         assert np.ptp(np.diff(values)) == pytest.approx(0, abs=1e-9)
 
 
-@pytest.mark.parametrize(("text", "stated", "told", "samples"), [
-    (TABLE.replace("0.02,", "0.015,9\n0.02,"), {"most_missing": 0.2}, "line 4 ", SAMPLES),
-    (TABLE.replace("0.02,3,7", "0.02,3"), {"damaged": "skip"}, "line 4 ", {"theta": [1, 2, 4]}),
-    (TABLE.replace("2,6", "-9999.0,6"), {"missing": ["-9999"]}, "'angle'.* 1 ",
-     {"theta": [1, np.nan, 3, 4]}),
-    (TABLE.replace("2,6", "nan(ind),6"), {}, "'angle'.* 1 ", {"theta": [1, np.nan, 3, 4]}),
-    (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M),
-     {}, "'t'.* 0 s .* 4 .* 4 .* 2 ", SAMPLES),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "stated", "told", "samples"),
+    [
+        (TABLE.replace("0.02,", "0.015,9\n0.02,"), {"most_missing": 0.2}, "line 4 ", SAMPLES),
+        (TABLE.replace("0.02,3,7", "0.02,3"), {"damaged": "skip"}, "line 4 ", {"theta": [1, 2, 4]}),
+        (
+            TABLE.replace("2,6", "-9999.0,6"),
+            {"missing": ["-9999"]},
+            "'angle'.* 1 ",
+            {"theta": [1, np.nan, 3, 4]},
+        ),
+        (TABLE.replace("2,6", "nan(ind),6"), {}, "'angle'.* 1 ", {"theta": [1, np.nan, 3, 4]}),
+        (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M), {}, "'t'.* 0 s .* 4 .* 4 .* 2 ", SAMPLES),
+    ],
+)
 def test_the_log_is_read_as_the_refusal_says(tmp_path, text, stated, told, samples):
     message = refused(tmp_path, text, **stated)
     assert re.search(told, message)
@@ -291,19 +306,27 @@ def load(**stated):
     return {"channels": {"torque": {"column": "load", "unit": "Nm", **stated}}}
 
 
-@pytest.mark.parametrize(("fields", "told"), [
-    ({"time": {"column": "t", "unit": "s", "rate": 9}},
-     "time.* rate"),
-    ({"time": {"column": "t", "rate": 9}}, "0.01 .*line 3"),
-    ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate'"),
-    ({"channels": {name: {"column": "angle", "unit": "rad"} for name in ("theta", "theta_m")}},
-     "theta_m.column: .*'angle'.*theta"),
-    (load(delay="soon"), "'soon'.*`2 s`"),
-    (load(delay="-2 ms"), "other channels are late.* 0 .*0.2 s"),
-    (load(low_pass={"cutoff": "0.4 Hz"}), r" 0\.5 .*1e\+06 Hz"),
-    (load(resolution="0.1 deg"), "'0.1 deg'.* rad"),
-    (load(range=["5 N*m", "5 N*m"]), "range.*5"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"time": {"column": "t", "unit": "s", "rate": 9}}, "time.* rate"),
+        ({"time": {"column": "t", "rate": 9}}, "0.01 .*line 3"),
+        ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate'"),
+        (
+            {
+                "channels": {
+                    name: {"column": "angle", "unit": "rad"} for name in ("theta", "theta_m")
+                }
+            },
+            "theta_m.column: .*'angle'.*theta",
+        ),
+        (load(delay="soon"), "'soon'.*`2 s`"),
+        (load(delay="-2 ms"), "other channels are late.* 0 .*0.2 s"),
+        (load(low_pass={"cutoff": "0.4 Hz"}), r" 0\.5 .*1e\+06 Hz"),
+        (load(resolution="0.1 deg"), "'0.1 deg'.* rad"),
+        (load(range=["5 N*m", "5 N*m"]), "range.*5"),
+    ],
+)
 def test_a_mistake_in_a_source_file_is_answered_with_what_to_write(tmp_path, fields, told):
     assert re.search(told, refused(tmp_path, TABLE, **fields))
 
@@ -316,11 +339,20 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path):
     assert f'"start": {stamps[0]}' in json.dumps(trial.provenance)
 
 
-@pytest.mark.parametrize(("unit", "expected", "factor"), [
-    ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180),
-    ("Newtonmeter/Grad", "N*m/rad", 180 / math.pi), ("%", "1", 0.01), ("N·mm", "N*m", 1e-3),
-    ("µs", "s", 1e-6), (" mA ", "A", 1e-3), ("N.m.", "N*m", 1.0), ("MS", "s", 1e-3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("unit", "expected", "factor"),
+    [
+        ("Degrees", "rad", math.pi / 180),
+        ("º", "rad", math.pi / 180),
+        ("Newtonmeter/Grad", "N*m/rad", 180 / math.pi),
+        ("%", "1", 0.01),
+        ("N·mm", "N*m", 1e-3),
+        ("µs", "s", 1e-6),
+        (" mA ", "A", 1e-3),
+        ("N.m.", "N*m", 1.0),
+        ("MS", "s", 1e-3),
+    ],
+)
 def test_a_laboratorys_spelling_has_its_factor(unit, expected, factor):
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)
 
@@ -333,15 +365,19 @@ def test_the_listed_units_are_those_of_pint():
             assert in_si(unit) == (of_pint.magnitude, SI_UNITS[str(of_pint.units)])
 
 
-@pytest.mark.parametrize(("unit", "expected", "told"), [
-    ("mmm", "m", "unit 'mmm'.*m, cm, mm"),
-    # torque and stiffness differ
-    ("Nm", "N*m/rad", r"unit 'Nm'.*1 N\*m;.*N\*m/rad"),
-    ("deg", "N", r"unit 'deg'.*0\.0174533 rad;.*N,"),
-    ("Mm", "m", r"1e\+06 m;.*m"),
-    # text of a file is never evaluated
-    ("9**9**9**9", "m", r"'9\*\*9"), ("m*" * 5000, "m", r"'m\*m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("unit", "expected", "told"),
+    [
+        ("mmm", "m", "unit 'mmm'.*m, cm, mm"),
+        # torque and stiffness differ
+        ("Nm", "N*m/rad", r"unit 'Nm'.*1 N\*m;.*N\*m/rad"),
+        ("deg", "N", r"unit 'deg'.*0\.0174533 rad;.*N,"),
+        ("Mm", "m", r"1e\+06 m;.*m"),
+        # text of a file is never evaluated
+        ("9**9**9**9", "m", r"'9\*\*9"),
+        ("m*" * 5000, "m", r"'m\*m"),
+    ],
+)
 def test_a_unit_that_cannot_be_is_refused_with_what_would_do(unit, expected, told):
     with refused_with(told):
         si_factor(unit, expected)

@@ -84,11 +84,20 @@ def test_a_number_far_off_that_recurs_is_none_of_the_sensor_also_in_a_row():
 WRAPPED = np.round(40 * TORQUE) % 4096
 
 
-@pytest.mark.parametrize("values", [
-    TORQUE, np.round(TORQUE), np.sign(TORQUE), WRAPPED[WRAPPED.argmax():][:300],
-    np.where(TIME % 5 < 1, 8.0, 2.0) + 0.01 * TORQUE, np.where(np.arange(4000) % 50 == 0, 5.0, 0.0),
-    np.full(50, 3.0), TORQUE[:2], np.full(9, np.nan),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "values",
+    [
+        TORQUE,
+        np.round(TORQUE),
+        np.sign(TORQUE),
+        WRAPPED[WRAPPED.argmax() :][:300],
+        np.where(TIME % 5 < 1, 8.0, 2.0) + 0.01 * TORQUE,
+        np.where(np.arange(4000) % 50 == 0, 5.0, 0.0),
+        np.full(50, 3.0),
+        TORQUE[:2],
+        np.full(9, np.nan),
+    ],
+)
 def test_a_sound_channel_has_no_spoiled_value(values):
     assert not spoiled(values).any()
 

@@ -132,8 +132,11 @@ BENCH = {
 
 
 TIMING = {
-    "wf_increment": 1e-3, "wf_start_offset": 0.0, "wf_start_time": START, "wf_samples": 1,
-}  # fmt: skip
+    "wf_increment": 1e-3,
+    "wf_start_offset": 0.0,
+    "wf_start_time": START,
+    "wf_samples": 1,
+}
 
 
 def test_a_channel_of_time_stamps_that_is_called_so_is_drafted_as_the_time(tmp_path):

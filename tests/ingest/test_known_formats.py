@@ -39,18 +39,35 @@ def channel(column, **fields):
 
 
 MISTAKES = [
-    (channel("torque", unit="deg"),
-     "source.yaml: line 5: channels.torque.unit: 'deg'"),
-    ({**LOG, "channels": {name: {"topic": "/lab", "field": "a", "unit": unit} for name,
-     unit in (("theta", "rad"), ("torque", "N*m"), ("sync", "V"))}}, "'a' .*theta"),
+    (channel("torque", unit="deg"), "source.yaml: line 5: channels.torque.unit: 'deg'"),
+    (
+        {
+            **LOG,
+            "channels": {
+                name: {"topic": "/lab", "field": "a", "unit": unit}
+                for name, unit in (("theta", "rad"), ("torque", "N*m"), ("sync", "V"))
+            },
+        },
+        "'a' .*theta",
+    ),
     (channel("time", unit="s"), "channels.*time"),
-    ({"format": "xlsx"}, "'xlsx'.* table"), (LOG, "channels: "),
-    ({"format": "c3d", "plates": "first"},
-     "plates: 'first'.*'all'"),
-    ({"format": "c3d", "outputs": {"reference_ankle_moment_left": 
-     {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}}},
-     r"'N\*mm'"),
-]  # fmt: skip
+    ({"format": "xlsx"}, "'xlsx'.* table"),
+    (LOG, "channels: "),
+    ({"format": "c3d", "plates": "first"}, "plates: 'first'.*'all'"),
+    (
+        {
+            "format": "c3d",
+            "outputs": {
+                "reference_ankle_moment_left": {
+                    "label": "LAnkleMoment",
+                    "component": "x",
+                    "unit": "N*mm",
+                }
+            },
+        },
+        r"'N\*mm'",
+    ),
+]
 
 
 @pytest.mark.parametrize(("content", "told"), MISTAKES)
@@ -62,20 +79,23 @@ def test_a_mistake_in_a_source_is_refused_by_its_field(tmp_path, content, told):
 BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
 
 
-@pytest.mark.parametrize(("what", "content"), [
-    ("Motive", b"Format Version,1.23,Take Name,walk\n,,Marker\nFrame,Time,X\n0,0.0,1\n"),
-    ("HTML", b"<html><table><tr><td>1</td></tr></table></html>"),
-    ("JSON", json.dumps([{"t": 0.0}], indent=2).encode()),
-    ("ZIP", b"PK\x03\x04" + bytes(26) + b"log.csv"),
-    ("rosbags-convert", b"#ROSBAG V2.0\n" + bytes(2000)),
-    ("rosbags-convert", b"SQLite format 3\0" + bytes(2000)),
-    ("D-Flow", b"TimeStamp\tFrameNumber\tRANK.PosX\tFP1.ForX\n0.1\t1\t0.5\t0.7\n"),
-    ("", gzip.compress(BENCH.encode(), mtime=0)),
-    ("savetxt", b"\x93NUMPY\x01\0" + bytes(20)),
-    ("savetxt", b"PK\x03\x04" + bytes(26) + b"t.npy"),
-    ("write_parquet", b"ARROW1\0\0" + bytes(20)),
-    ("", bytes(2000)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("what", "content"),
+    [
+        ("Motive", b"Format Version,1.23,Take Name,walk\n,,Marker\nFrame,Time,X\n0,0.0,1\n"),
+        ("HTML", b"<html><table><tr><td>1</td></tr></table></html>"),
+        ("JSON", json.dumps([{"t": 0.0}], indent=2).encode()),
+        ("ZIP", b"PK\x03\x04" + bytes(26) + b"log.csv"),
+        ("rosbags-convert", b"#ROSBAG V2.0\n" + bytes(2000)),
+        ("rosbags-convert", b"SQLite format 3\0" + bytes(2000)),
+        ("D-Flow", b"TimeStamp\tFrameNumber\tRANK.PosX\tFP1.ForX\n0.1\t1\t0.5\t0.7\n"),
+        ("", gzip.compress(BENCH.encode(), mtime=0)),
+        ("savetxt", b"\x93NUMPY\x01\0" + bytes(20)),
+        ("savetxt", b"PK\x03\x04" + bytes(26) + b"t.npy"),
+        ("write_parquet", b"ARROW1\0\0" + bytes(20)),
+        ("", bytes(2000)),
+    ],
+)
 def test_a_file_of_another_format_is_named_whatever_it_is_called(tmp_path, what, content):
     for name in ("log.csv", "log.c3d"):
         (tmp_path / name).write_bytes(content)

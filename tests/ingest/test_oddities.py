@@ -78,8 +78,7 @@ def test_a_stale_message_is_left_out_and_named(tmp_path):
     recording = read_recognised(path, time={"source": "header"}, channels={"torque": torque})
 
     assert len(recording.samples) == 1999
-    assert any(re.search(" 1201 .* 2000", text)
-               for text in recording.warnings)  # fmt: skip
+    assert any(re.search(" 1201 .* 2000", text) for text in recording.warnings)
 
 
 # A gate in place of pulses.

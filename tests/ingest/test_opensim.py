@@ -191,7 +191,7 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(tmp_path):
         ({}, {"plates": {1: {**PLATE, "force": "L_v"}}}, "'L_vx'"),
         ({"700.0": "nan"}, {"plates": {1: PLATE}}, "'R_vy': nan .* 1 .* 80"),
     ],
-)  # fmt: skip
+)
 def test_plates_that_cannot_be_read_are_refused(tmp_path, cells, stated, told):
     path = write_forces(tmp_path)
     for old, new in cells.items():

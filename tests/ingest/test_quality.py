@@ -121,10 +121,13 @@ def test_a_torque_may_step_by_friction_where_the_joint_turns(sign, delay_s, leap
     assert (counted > 0) == leaps
 
 
-@pytest.mark.parametrize(("angle_jumps", "stiffness", "cause"), [
-    (0.0, 3000.0, r"a stop .* at 34\.\d deg"),
-    (0.02, 0.0, "rows were lost"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("angle_jumps", "stiffness", "cause"),
+    [
+        (0.0, 3000.0, r"a stop .* at 34\.\d deg"),
+        (0.02, 0.0, "rows were lost"),
+    ],
+)
 def test_where_signals_leap_tells_why(angle_jumps, stiffness, cause):
     """At 0.6 rad a stop begins, so stiff that the torque bends there; or both leap on the way."""
     time = np.arange(4000) / RATE
@@ -257,10 +260,19 @@ STEEP = np.where(NUMBERS % 200 > 103, 440.0, PEAKS)  # steep behind its peaks al
 COARSE = np.where(NUMBERS < 800, -80.0, 700 + np.sin(NUMBERS))
 
 
-@pytest.mark.parametrize("values", [
-    LOADED + 5, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5), PEAKS, STEEP, SINE,
-    np.rint(200 * np.tanh(4 * np.sin(NUMBERS / 20))),  # slows down to rest at both ends
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "values",
+    [
+        LOADED + 5,
+        COARSE,
+        300 - COARSE,
+        np.minimum(LOADED, 700.5),
+        PEAKS,
+        STEEP,
+        SINE,
+        np.rint(200 * np.tanh(4 * np.sin(NUMBERS / 20))),  # slows down to rest at both ends
+    ],
+)
 def test_an_extreme_where_the_channel_rests_or_peaks_slowly_is_no_rail(
     values,
 ):
@@ -281,8 +293,12 @@ def test_edges_in_the_steps_of_a_slow_log_do_not_doubt_its_clock():
 
 
 DAMAGED_LOG = {
-    "complete": False, "end_missing": True, "lost": 130, "share_lost": 0.04, "remarks": ["chunk 3"],
-}  # fmt: skip
+    "complete": False,
+    "end_missing": True,
+    "lost": 130,
+    "share_lost": 0.04,
+    "remarks": ["chunk 3"],
+}
 
 
 @pytest.mark.parametrize(("provenance", "beyond", "check", "value", "remark"), [
@@ -306,15 +322,15 @@ def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remar
     assert re.fullmatch(remark, checks[check].remark)
 
 
-@pytest.mark.parametrize(("really", "missing", "remark"), [
-    (Commanded((2.0, 4.0), (2.0,), 6), 2, "2 deg.* 5 Hz.* 4 deg.* 5 Hz"),
-    (Commanded((2.0, 6.0),
-     (2.0, 5.0), 6), 4, "6 deg.* 2 Hz.* 6 deg"),
-    (Commanded((1.2 * 2, 1.2 * 4),
-     (2.0, 5.0), 6), 2, "2.4 deg.* 2 Hz.* 1.2 "),
-    (Commanded((1.02 * 2, 1.02 * 4),
-     (2.0, 5.0), 6), 0, ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("really", "missing", "remark"),
+    [
+        (Commanded((2.0, 4.0), (2.0,), 6), 2, "2 deg.* 5 Hz.* 4 deg.* 5 Hz"),
+        (Commanded((2.0, 6.0), (2.0, 5.0), 6), 4, "6 deg.* 2 Hz.* 6 deg"),
+        (Commanded((1.2 * 2, 1.2 * 4), (2.0, 5.0), 6), 2, "2.4 deg.* 2 Hz.* 1.2 "),
+        (Commanded((1.02 * 2, 1.02 * 4), (2.0, 5.0), 6), 0, ""),
+    ],
+)
 def test_the_protocol_in_the_log_is_compared_with_the_configured_one(really, missing, remark):
     protocol = results(bench(stepped_sine(really)))["protocol"]
 
@@ -342,11 +358,12 @@ def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
         / 50
     )
     for experiment, motion, commanded, value in (
-        ("impedance", theta, timed, 0), ("impedance", 0 * theta, COMMANDED, 4),
+        ("impedance", theta, timed, 0),
+        ("impedance", 0 * theta, COMMANDED, 4),
         ("impedance", other, COMMANDED, 0),
         ("impedance", other, replace(COMMANDED, excitation="stepped_sine"), 4),
         ("transmission", 0 * theta, replace(COMMANDED, excitation="any"), 4),
-    ):  # fmt: skip
+    ):
         assert results(bench(motion), experiment, commanded)["protocol"].value == value
     # a frequency that returns has the cycles of both
     again = Commanded((2.0, 4.0), (2.0, 5.0, 2.0), 6)
@@ -371,12 +388,15 @@ class OnlyQuality(Settings):
     quality: QualityRules
 
 
-@pytest.mark.parametrize(("changed", "message"), [
-    ({"unzeroed_plate": "20"}, "quality.unzeroed_plate: .*'20'.*'1 N'"),
-    ({"unzeroed_plate": "-1 N"}, "quality.unzeroed_plate: .*'-1 N'.*'1 N'"),
-    ({"gaps": "1 s"}, "'gaps'.* rate, "),
-    ({"exclude": ["gaps"]}, "quality.exclude: 'gaps'.* rate, "),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"unzeroed_plate": "20"}, "quality.unzeroed_plate: .*'20'.*'1 N'"),
+        ({"unzeroed_plate": "-1 N"}, "quality.unzeroed_plate: .*'-1 N'.*'1 N'"),
+        ({"gaps": "1 s"}, "'gaps'.* rate, "),
+        ({"exclude": ["gaps"]}, "quality.exclude: 'gaps'.* rate, "),
+    ],
+)
 def test_rules_and_checks_are_one_list_and_thresholds_have_their_units(changed, message):
     there = SETTINGS["quality"] | changed
     with refused_with(message):
@@ -416,10 +436,12 @@ def test_a_command_s_level_is_no_rail_a_clipped_current_is():
     origin = {"columns": {"torque": {"range": [-60.0, 60.0]}}}
     moved = np.sin(7 * time)
     for column, values, least, most in (
-        ("current", levels, 0, 0), ("current", measured, 51, 999), ("torque", torque, 7, 7),
+        ("current", levels, 0, 0),
+        ("current", measured, 51, 999),
+        ("torque", torque, 7, 7),
         ("torque", np.repeat(measured[::20], 20), 100, 160),
         ("torque", np.repeat(4 * np.sin(7 * time[::20]), 20), 0, 2),
-    ):  # fmt: skip
+    ):
         samples = pl.DataFrame({"time": time, "theta": moved, column: values})
         assert least <= samples_at_rail(Trial("a", samples, origin), column, "torque") <= most
     # electronics reach a hundredth of the range further

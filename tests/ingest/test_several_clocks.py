@@ -109,10 +109,13 @@ def test_the_error_of_a_fitted_clock_is_one_of_the_torque_s_delay(tmp_path):
     assert not calibration.tells_delay
 
 
-@pytest.mark.parametrize(("clock", "second", "late_s"), [
-    ("common", lambda time: time + 0.5, 0.5),
-    ("start", lambda time: time + 4000, -SLOW[0]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("clock", "second", "late_s"),
+    [
+        ("common", lambda time: time + 0.5, 0.5),
+        ("start", lambda time: time + 4000, -SLOW[0]),
+    ],
+)
 def test_stated_clocks_are_joined_and_what_nothing_shows_is_told(tmp_path, clock, second, late_s):
     write_pair(tmp_path, second, last_s=15.0)
 
@@ -126,9 +129,15 @@ def test_stated_clocks_are_joined_and_what_nothing_shows_is_told(tmp_path, clock
     assert "x_torque.csv" in stream_of(trial, ["torque"]).name
 
 
-@pytest.mark.parametrize(("clock", "more"), [
-    ("master", {}), ("sync", {}), ("shared", {}), ("start", BOTH["shared"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("clock", "more"),
+    [
+        ("master", {}),
+        ("sync", {}),
+        ("shared", {}),
+        ("start", BOTH["shared"]),
+    ],
+)
 def test_files_that_nothing_aligns_are_refused_with_what_to_write(tmp_path, clock, more):
     write_pair(tmp_path)
 
@@ -145,8 +154,10 @@ def read_table(folder, text, channels):
 
 
 def test_a_channel_of_a_table_has_the_time_that_stands_with_it(tmp_path):
-    padded = [np.pad(x, (0, FAST.size - SLOW.size), constant_values=np.nan) for x in
-              (1e3 * SLOW, turned(SLOW))]  # fmt: skip
+    padded = [
+        np.pad(x, (0, FAST.size - SLOW.size), constant_values=np.nan)
+        for x in (1e3 * SLOW, turned(SLOW))
+    ]
     write(tmp_path / "a.csv", "t,angle,t_load,load", FAST, turned(FAST), *padded)
     channels = "  theta: {column: angle, unit: deg}\n"
     channels += "  torque: {column: load, unit: Nm, time: {column: t_load, unit: ms}}\n"
@@ -177,10 +188,15 @@ def test_a_channel_that_was_interpolated_is_read_at_its_own_samples(tmp_path):
         assert time.size > 0.98 * stamps.size
 
 
-@pytest.mark.parametrize("values", [
-    np.round(turned(FAST), 2), turned(FAST), FAST,
-    np.repeat(NOISY[::5], 5),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.round(turned(FAST), 2),
+        turned(FAST),
+        FAST,
+        np.repeat(NOISY[::5], 5),
+    ],
+)
 def test_a_coarse_smooth_or_held_channel_is_no_interpolated_one(values):
     _, remarks = with_own_rows({"theta": values}, Rows(values.size), FAST)
 

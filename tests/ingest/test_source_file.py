@@ -138,9 +138,15 @@ def scattered_trial(stated="auto", clocks=None, age=0):
     return Trial("made", pl.DataFrame(columns), provenance, clocks or {})
 
 
-@pytest.mark.parametrize(("stated", "found", "used"), [
-    ("exact", EVEN, "exact"), ("auto", EVEN, "even"), ("auto", {}, "exact"), ("even", {}, "even"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("stated", "found", "used"),
+    [
+        ("exact", EVEN, "exact"),
+        ("auto", EVEN, "even"),
+        ("auto", {}, "exact"),
+        ("even", {}, "even"),
+    ],
+)
 def test_a_use_of_the_stamps_that_is_stated_or_that_ingest_found_stands(stated, found, used):
     trial = scattered_trial(stated, found)
 

@@ -98,9 +98,13 @@ def assert_mended(experiment, recording, fault, remedy):
     assert float(estimate[1]) == pytest.approx(float(true), rel=1e-3)
 
 
-@pytest.mark.parametrize(("column", "factor", "unit"), [
-    ("theta", 180 / np.pi, "deg"), ("torque", 1000.0, r"N\*mm"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("column", "factor", "unit"),
+    [
+        ("theta", 180 / np.pi, "deg"),
+        ("torque", 1000.0, r"N\*mm"),
+    ],
+)
 def test_a_wrong_unit_is_refused_with_the_unit_that_makes_the_trial_fit(column, factor, unit):
     for experiment, recording, true in (
         ("torque_angle", cycles_of_spring, 40),
@@ -130,12 +134,15 @@ def test_stamps_of_a_smaller_unit_are_refused_with_it(factor, unit):
     assert_mended("impedance", joint, stamped, f"`unit: {unit}` of time.*: K 150")
 
 
-@pytest.mark.parametrize(("experiment", "recording", "fault", "remedy"), [
-    ("torque_angle", cycles_of_spring, turned("torque"), f"{SIGN} 40"),
-    ("impedance", joint, turned("torque"), f"{SIGN} 150"),
-    ("impedance", joint, swapped, SWAP),
-    ("actuator", clamped_actuator, turned("current"), "`sign`.* current.*: k_tau_n_m 0.8"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("experiment", "recording", "fault", "remedy"),
+    [
+        ("torque_angle", cycles_of_spring, turned("torque"), f"{SIGN} 40"),
+        ("impedance", joint, turned("torque"), f"{SIGN} 150"),
+        ("impedance", joint, swapped, SWAP),
+        ("actuator", clamped_actuator, turned("current"), "`sign`.* current.*: k_tau_n_m 0.8"),
+    ],
+)
 def test_a_wrong_sign_or_swapped_channels_are_refused_with_what_fits(
     experiment, recording, fault, remedy
 ):

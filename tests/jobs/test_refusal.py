@@ -93,10 +93,12 @@ def test_a_result_is_none_that_was_not_analysed(tmp_path):
 
 
 READERS = [
-    (read_trial, "parquet"), (read_table, "csv"),
-    (read_summary_file, "json"), (read_crossing_file, "parquet"),
+    (read_trial, "parquet"),
+    (read_table, "csv"),
+    (read_summary_file, "json"),
+    (read_crossing_file, "parquet"),
     (lambda path: read_model(path, StaticCalibration), "json"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("read", "suffix"), READERS)
@@ -112,10 +114,10 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list(tmp_path):
     used = {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
     assert without_missing(inputs) == (used, [LOST], [])
     for given, kept, missing in (
-        ({"rows": bad[1:]}, {"rows": []}, [LOST]), ({"rows": bad[1:], "trial": good[0]},
-         {"rows": []}, []),
-        ({"f": bad[1:], "trial": bad[0]}, {"f": []}, [LOST])
-    ):  # fmt: skip
+        ({"rows": bad[1:]}, {"rows": []}, [LOST]),
+        ({"rows": bad[1:], "trial": good[0]}, {"rows": []}, []),
+        ({"f": bad[1:], "trial": bad[0]}, {"f": []}, [LOST]),
+    ):
         assert without_missing(given) == ({**given, **kept}, [LOST], missing)
     refused = Path(lost(tmp_path / "quality/b_1.csv", LOST))
     assert read_verdicts([refused], QualityRules(), {}).is_empty()  # that is no verdict
@@ -154,8 +156,9 @@ def test_a_refused_trial_has_a_row_with_its_reason_and_without_estimates(tmp_pat
     table = gather([tmp_path / "b_2.csv"], "belt", not_analysed=[LOST])
 
     assert set(table.select("trial", "status", "K_s", "reason").rows()) == {
-        ("b_2", "analysed", 685.6, None), ("b_1", "not analysed", None, LOST.reason),
-    }  # fmt: skip
+        ("b_2", "analysed", 685.6, None),
+        ("b_1", "not analysed", None, LOST.reason),
+    }
 
 
 def test_a_fault_of_the_program_is_an_error_of_the_job_and_writes_nothing(tmp_path):
@@ -200,9 +203,11 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
     )
     settings = {
         "row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"},
-        "needed_columns": [], "raw_folder": "raw", "sources_folder": ".",
+        "needed_columns": [],
+        "raw_folder": "raw",
+        "sources_folder": ".",
         "commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1},
-    }  # fmt: skip
+    }
     outputs = {"trial": str(trial), "quality": str(quality)}
     outcome, causes = ended(job(tmp_path, "trials.ingest_and_check", {}, outputs, **settings))
     assert outcome == "refused"
@@ -293,18 +298,15 @@ def test_an_archive_of_tables_holds_all_that_was_written_or_nothing(tmp_path):
         read_table(path, name="response")
 
 
-@pytest.mark.parametrize("error", [
-    WriteError(
-        "a.csv: cannot be written (No space left on device)",
-        "make room"
-    ),
-    MemoryLimitError(
-        "a.mcap: not enough memory",
-        "make room"
-    ),
-    OSError(errno.EIO, "Input/output error; make room", "raw_data/b_1.mcap"),
-    PermissionError(errno.EACCES, "denied", "parameters.yaml"),  # which is no recording
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "error",
+    [
+        WriteError("a.csv: cannot be written (No space left on device)", "make room"),
+        MemoryLimitError("a.mcap: not enough memory", "make room"),
+        OSError(errno.EIO, "Input/output error; make room", "raw_data/b_1.mcap"),
+        PermissionError(errno.EACCES, "denied", "parameters.yaml"),  # which is no recording
+    ],
+)
 def test_what_the_machine_lacks_is_an_error_of_the_run_and_no_refusal(tmp_path, monkeypatch, error):
     """The next run tries again."""
 
@@ -363,9 +365,11 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     assert judged.select("trial", "verdict").rows() == outcomes
     assert judged["value"].to_list()[1:] == [pytest.approx(80, abs=0.5), None]
     assert listed.select("trial", "check").rows() == [
-        ("plate_9", "refused"), ("plate_2", "unzeroed_plate"), ("b_2", "sample sheet"),
+        ("plate_9", "refused"),
+        ("plate_2", "unzeroed_plate"),
+        ("b_2", "sample sheet"),
         ("w_1", "needs another"),
-    ]  # fmt: skip
+    ]
     assert listed["remark"][0] == lost.reason
     assert listed["remark"][-1].endswith(" was refused or excluded: b_2")
     said = exclusion_report(listed)

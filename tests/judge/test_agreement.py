@@ -109,9 +109,14 @@ def test_a_repeat_that_differs_in_B_alone_leaves_its_K():
     assert found.size.endswith(": 2{}")
 
 
-@pytest.mark.parametrize(("factor", "units", "is_doubt"), [
-    (0.9, [], False), (1.35582, ["lbf*ft"], True), (9.5, ["kgf*m", "kgf*cm", "lbf*in"], True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("factor", "units", "is_doubt"),
+    [
+        (0.9, [], False),
+        (1.35582, ["lbf*ft"], True),
+        (9.5, ["kgf*m", "kgf*cm", "lbf*in"], True),
+    ],
+)
 def test_a_factor_of_K_and_B_is_told_with_all_units_that_fit(factor, units, is_doubt):
     rows = [trial(f"{K_d:g}", K_d, factor * K_d, factor) for K_d in (60.0, 100.0, 150.0)]
 

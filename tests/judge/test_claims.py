@@ -17,11 +17,27 @@ VISCOUS = {"B_viscous": 5.25, "B_viscous_low": 5.0, "B_viscous_high": 5.5}
 def fit(controller, B, half, **stated):
     """A fit of K = K_d with this B and the half-width of its interval."""
     row = {
-        "joint": "ankle", "side": None, "controller": controller, "K_d": 100.0, "B_d": 5.0,
-        "K": 100.0, "K_low": 99.0, "K_high": 101.0, "B": B, "B_low": B - half, "B_high": B + half,
-        "B_viscous": None, "B_viscous_low": None, "B_viscous_high": None, "torque_error": 1.0,
-        "VAF": 99.0, "amplitude_deg": None, "commanded_deg": None, "doubtful": "", **stated,
-    }  # fmt: skip
+        "joint": "ankle",
+        "side": None,
+        "controller": controller,
+        "K_d": 100.0,
+        "B_d": 5.0,
+        "K": 100.0,
+        "K_low": 99.0,
+        "K_high": 101.0,
+        "B": B,
+        "B_low": B - half,
+        "B_high": B + half,
+        "B_viscous": None,
+        "B_viscous_low": None,
+        "B_viscous_high": None,
+        "torque_error": 1.0,
+        "VAF": 99.0,
+        "amplitude_deg": None,
+        "commanded_deg": None,
+        "doubtful": "",
+        **stated,
+    }
     return {"trial": f"{controller} {row['K_d']}", **row}
 
 
@@ -79,10 +95,19 @@ WORSE = ((2.0, 0.3), (1.0, 0.4))
 UNSURE = ((1.0, 0.3), (1.1, 0.4))
 UNSURE_WORSE = ((1.1, 0.3), (1.0, 0.4))
 CLOSER = {
-    "says": "damping is closer", "at": "Fig. 5", "table": "impedance", "number": "B",
-    "low": "B_low", "high": "B_high", "unit": "N*m*s/rad", "target": "B_d", "margin": 0,
-    "controller": "compensated", "than": "uncompensated", "pairs": ("K_d", "B_d"),
-}  # fmt: skip
+    "says": "damping is closer",
+    "at": "Fig. 5",
+    "table": "impedance",
+    "number": "B",
+    "low": "B_low",
+    "high": "B_high",
+    "unit": "N*m*s/rad",
+    "target": "B_d",
+    "margin": 0,
+    "controller": "compensated",
+    "than": "uncompensated",
+    "pairs": ("K_d", "B_d"),
+}
 
 
 def verdict_on(rows, **stated):

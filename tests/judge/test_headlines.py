@@ -39,9 +39,10 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
     row = {"fit": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "n": 3}
     found = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"fit": 90, "held_out": 80})
     assert [one.evidence for one in found] == [
-        (Beyond("lag", -0.7, -0.5, "below", "lag"),), (Beyond("n", 3.0, 2, "above", "n"),),
-        (Beyond("fit", 80.0, 90, "below", "fit"),)
-    ]  # fmt: skip
+        (Beyond("lag", -0.7, -0.5, "below", "lag"),),
+        (Beyond("n", 3.0, 2, "above", "n"),),
+        (Beyond("fit", 80.0, 90, "below", "fit"),),
+    ]
     assert doubts(row, {"lag": 0.7, "condition": None}, {"fit": 80}) == []
     assert beyond_in(doubts({"fit": float("nan")}, {}, {"fit": 90})) == {"fit": "nan"}
 
@@ -54,10 +55,14 @@ def test_a_named_cause_stands_before_torque_that_nothing_explains():
     assert [each.source for each in found] == ["smoothed_markers", "unexplained_torque"]
 
 
-@pytest.mark.parametrize(("value", "limit", "side", "excess"), [
-    (30.0, 90.0, "below", 3.0), (-1.5, -0.5, "below", 3.0),
-    (-5.0, 0.0, "below", float("inf")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "limit", "side", "excess"),
+    [
+        (30.0, 90.0, "below", 3.0),
+        (-1.5, -0.5, "below", 3.0),
+        (-5.0, 0.0, "below", float("inf")),
+    ],
+)
 def test_a_number_is_as_far_beyond_its_limit_below_it_as_above_it(value, limit, side, excess):
     assert Beyond("VAF", value, limit, side).excess == pytest.approx(excess)
 
@@ -87,9 +92,13 @@ def test_a_mean_is_over_trials_that_are_not_doubtful_however_few(n_doubtful, mea
 
 
 def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude():
-    impedance = pl.DataFrame({
-        "trial": "a", "amplitude_deg": [2.0, 4.0, None], "doubtful": ["K: late torque", None, None]
-    })  # fmt: skip
+    impedance = pl.DataFrame(
+        {
+            "trial": "a",
+            "amplitude_deg": [2.0, 4.0, None],
+            "doubtful": ["K: late torque", None, None],
+        }
+    )
     response = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, 2.0, 4.0, None]})
 
     shared = with_doubts_of(response, impedance)["doubtful"].to_list()
@@ -102,9 +111,10 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
     summary.write_text("{}")
     refused = {"outcome": "refused", "error": "b_1.mcap: no such file"}
     for job, later, ending, old in (
-        ("ingest.before", -1, refused, False), ("bench.fine", 1, {"outcome": "done"}, False),
+        ("ingest.before", -1, refused, False),
+        ("bench.fine", 1, {"outcome": "done"}, False),
         ("ingest.after", 1, refused, True),
-    ):  # fmt: skip
+    ):
         log = tmp_path / f"logs/{job}.log"
         write_log(log, {"job": f"osl_analysis.commands.{job}", **ending})
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
@@ -159,8 +169,9 @@ def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
     causes = causes_in_campaign(findings, tables, UNCHECKED)
 
     assert {cause.verdict: cause.trials for cause in causes} == {
-        "doubtful": ["a"], "doubtful in part": ["b"]
-    }  # fmt: skip
+        "doubtful": ["a"],
+        "doubtful in part": ["b"],
+    }
 
 
 def test_a_delay_that_a_trial_does_not_tell_is_listed_though_another_tells_its_own():
@@ -184,5 +195,6 @@ def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
 
     clipped = [finding for finding in told if finding.source == "clipped_signal"]
     assert [(finding.subject, finding.table) for finding in clipped] == [
-        ("b", "quality"), ("a", "impedance")
-    ]  # fmt: skip
+        ("b", "quality"),
+        ("a", "impedance"),
+    ]

@@ -137,8 +137,10 @@ def test_what_another_motion_changes_is_a_remark_with_its_size():
     (remark,) = of_knee({"K": [stiffening]})
 
     assert (remark.grade, remark.is_result, remark.size) == (
-        Grade.NOTES, True, "K by 8 N*m/rad (over amplitudes)",
-    )  # fmt: skip
+        Grade.NOTES,
+        True,
+        "K by 8 N*m/rad (over amplitudes)",
+    )
 
 
 def test_an_impossible_estimate_is_doubtful_and_no_other_of_its_row():
@@ -182,14 +184,17 @@ def test_what_is_not_known_is_told_once_per_unit_and_not_of_the_device():
     assert results_in(remarks) == []
 
 
-@pytest.mark.parametrize(("doubts", "names", "is_concerned"), [
-    ("K, B: torque path", ["K"], True),
-    ("K, B: torque path", ["K_d", "I"], True),
-    ("I: late torque; unlikely size", ["K"], True),
-    ("I: late torque", ["VAF"], True),
-    ("B_j: late torque", ["J_j"], False),
-    (None, ["K"], False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("doubts", "names", "is_concerned"),
+    [
+        ("K, B: torque path", ["K"], True),
+        ("K, B: torque path", ["K_d", "I"], True),
+        ("I: late torque; unlikely size", ["K"], True),
+        ("I: late torque", ["VAF"], True),
+        ("B_j: late torque", ["J_j"], False),
+        (None, ["K"], False),
+    ],
+)
 def test_a_mean_leaves_out_the_estimates_that_are_doubtful(doubts, names, is_concerned):
     assert concerns(doubts, names) == is_concerned
 

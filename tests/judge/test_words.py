@@ -65,10 +65,13 @@ def test_every_column_that_a_limit_decides_has_one():
     assert without - limited == set(), "state its limit under `doubtful`, or in findings.yaml"
 
 
-@pytest.mark.parametrize(("row", "limits", "numbers"), [
-     ({"preload": 3.0}, {"preload": 2.0}, "preload 3.* 2"),
-     ({"bridged": 0.2}, {"bridged": 0.1}, "occluded in 20 % of the frames"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("row", "limits", "numbers"),
+    [
+        ({"preload": 3.0}, {"preload": 2.0}, "preload 3.* 2"),
+        ({"bridged": 0.2}, {"bridged": 0.1}, "occluded in 20 % of the frames"),
+    ],
+)
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, numbers):
     judged_row = row | {"J_j_ratio": 1.0}
     (finding,) = findings_of(judged_row, Limits(above=limits), "response")
@@ -85,10 +88,13 @@ def test_what_was_not_checked_has_words_of_its_own():
     assert told.size == "B 0.3 per ms"
 
 
-@pytest.mark.parametrize(("row", "remedy"), [
-    ({"lag_s": 4.21e-4}, r"0\.421 ms .*`delay`"),
-    ({}, r"^\D*$"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("row", "remedy"),
+    [
+        ({"lag_s": 4.21e-4}, r"0\.421 ms .*`delay`"),
+        ({}, r"^\D*$"),
+    ],
+)
 def test_the_delay_that_is_advised_is_the_one_that_was_found(row, remedy):
     late = Finding("late_torque", "impedance", "a", Grade.DOUBTS)
 

@@ -150,14 +150,17 @@ def test_a_weight_that_weighs_nothing_is_refused(cutoff_hz, order):
         weight_of(cutoff_hz, order)
 
 
-@pytest.mark.parametrize(("K_d", "B_d", "message"), [
-    (685.6, 5, r"K_d = 685\.6.*685\.6.*less than K_s"),
-    (0, 5, "K_d = 0 .*1e-09"),
-    (float("nan"), 5, "K_d = nan"),
-    (300, -1, "B_d = -1.*0"),
-    (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad.*1e-09.*1e\+09 N"),
-    (1e-300, 5, "K_d = 1e-300 N"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("K_d", "B_d", "message"),
+    [
+        (685.6, 5, r"K_d = 685\.6.*685\.6.*less than K_s"),
+        (0, 5, "K_d = 0 .*1e-09"),
+        (float("nan"), 5, "K_d = nan"),
+        (300, -1, "B_d = -1.*0"),
+        (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad.*1e-09.*1e\+09 N"),
+        (1e-300, 5, "K_d = 1e-300 N"),
+    ],
+)
 def test_an_impossible_request_is_refused_with_the_reason(K_d, B_d, message):
     with pytest.raises(UnreachableImpedanceError, match=message):
         compensator.compensated_gains(K_d, B_d, P)

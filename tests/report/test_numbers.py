@@ -142,11 +142,18 @@ def test_two_joints_have_numbers_of_their_own():
 def test_every_claim_has_its_verdict():
     claims = pl.DataFrame(
         {
-            "name": "K_ok", "at": "Fig. 5", "value": [None, 1.0], "low": 0.5, "high": 1.5,
-            "interval": "95 %", "unit": "%", "claim": "K is right", "quantity": "error",
+            "name": "K_ok",
+            "at": "Fig. 5",
+            "value": [None, 1.0],
+            "low": 0.5,
+            "high": 1.5,
+            "interval": "95 %",
+            "unit": "%",
+            "claim": "K is right",
+            "quantity": "error",
             "verdict": "holds",
         }
-    )  # fmt: skip
+    )
 
     (number,) = headline_numbers({"claims": claims})
     assert (number.name, number.unit, number.verdict) == ("K_ok", "%", "holds")
@@ -230,14 +237,19 @@ def test_latex_has_half_of_the_interval_and_escapes_what_users_write():
 def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():
     """A VAF is not rounded to 100 %."""
     columns = ["quantity", "estimator", "mean", "low", "high"]
-    rows = [("K", "ensemble", 336.0, 323.0, 348.0), ("VAF", "ensemble", 99.996, None, None),
-            ("K", "mean of perturbations", 340.0, 1.0, 2.0),
-            ("K", "ensemble, predicted gait", 333.0, 321.0, 345.0),
-            ("VAF", "ensemble, predicted gait", 98.0, None, None)]  # fmt: skip
+    rows = [
+        ("K", "ensemble", 336.0, 323.0, 348.0),
+        ("VAF", "ensemble", 99.996, None, None),
+        ("K", "mean of perturbations", 340.0, 1.0, 2.0),
+        ("K", "ensemble, predicted gait", 333.0, 321.0, 345.0),
+        ("VAF", "ensemble, predicted gait", 98.0, None, None),
+    ]
     summary = pl.DataFrame(rows, columns, orient="row").with_columns(
-        group=pl.lit("all"), group_doubtful=None, n=30,
+        group=pl.lit("all"),
+        group_doubtful=None,
+        n=30,
         verdict=pl.when(quantity="K").then(pl.lit("wide")),
-    )  # fmt: skip
+    )
 
     of_mean, predicted = rows_of(list(paper_tables.groups(summary)))
     assert (of_mean["n"], of_mean["K [N*m/rad]"][:3], of_mean["VAF [%]"]) == ("30", "336", "99.99")
@@ -267,10 +279,18 @@ def test_table_1_has_what_is_measured_and_else_what_is_stated(beside_draft, draf
 
 def test_a_run_ends_with_ten_lines_at_most_of_answer_and_findings():
     finding = CampaignFinding(
-        verdict="doubtful", subject="impedance trials", name="friction", cause="friction",
-        says="", size="B 2.1. More", remedy="", n=3, brief="report B " + 20 * "once more ",
-        trials=["c"], worst="c",
-    )  # fmt: skip
+        verdict="doubtful",
+        subject="impedance trials",
+        name="friction",
+        cause="friction",
+        says="",
+        size="B 2.1. More",
+        remedy="",
+        n=3,
+        brief="report B " + 20 * "once more ",
+        trials=["c"],
+        worst="c",
+    )
     unchecked = replace(finding, verdict="not checked", cause="the fixture")
     many = pl.concat(IMPEDANCE.with_columns(controller=pl.lit(f"PD {k}")) for k in range(9))
     content = {

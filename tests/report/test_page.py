@@ -135,10 +135,14 @@ def test_the_page_escapes_names_and_asks_for_no_other_file():
     assert re.findall(r"<(?:script|img|link)[^>]+(?:src|href)=", html) == []
 
 
-@pytest.mark.parametrize(("shown", "model"), [
-    (("conditions",), "Iα + offset + drift;"), (("groups",), "Iα;"),
-    (("conditions", "groups"), "Iα + offset + drift (none while walking);"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("shown", "model"),
+    [
+        (("conditions",), "Iα + offset + drift;"),
+        (("groups",), "Iα;"),
+        (("conditions", "groups"), "Iα + offset + drift (none while walking);"),
+    ],
+)
 def test_the_page_has_the_offset_where_the_fit_has_it(shown, model):
     rows = [Condition({"controller": "PD"}, ["a"], 1, False, [], {"K": "300"})]
 
@@ -204,9 +208,13 @@ def test_a_crossing_that_was_excluded_shows_its_recording(tmp_path):
 
 def test_the_model_of_a_response_is_equation_15():
     measured = {
-        "amplitude_deg": 2.0, "frequency_hz": [1.0, 5.0], "magnitude": 0.01,
-        "magnitude_low": 0.008, "magnitude_high": 0.012, "phase_deg": 0.0,
-    }  # fmt: skip
+        "amplitude_deg": 2.0,
+        "frequency_hz": [1.0, 5.0],
+        "magnitude": 0.01,
+        "magnitude_low": 0.008,
+        "magnitude_high": 0.012,
+        "phase_deg": 0.0,
+    }
     response = measured_response(pl.DataFrame(measured), {"K": 100.0, "B": 2.0, "I": 0.1})
 
     at_5_hz = response.row(-1, named=True)
@@ -219,16 +227,25 @@ def test_the_model_of_a_response_is_equation_15():
 UNCERTAIN = Calibration(torque_gain=0.01, delay=1e-4).model_dump()
 SETTINGS = {
     "dynamometer": {
-        "order": 4, "cutoff_hz": 15.0, "bench_stiffness": None, "fixture": None,
-        "settle_cycles": 2, "calibration": NOT_STATED.model_dump(), "load_cell_drift": 0.05,
+        "order": 4,
+        "cutoff_hz": 15.0,
+        "bench_stiffness": None,
+        "fixture": None,
+        "settle_cycles": 2,
+        "calibration": NOT_STATED.model_dump(),
+        "load_cell_drift": 0.05,
     },
     "torque_angle": {
-        "order": 4, "cutoff_hz": 15.0, "bench_stiffness": {"value": "12000 N*m/rad"},
-        "calibration": UNCERTAIN, "zero": "start", "rest_s": 1.0,
+        "order": 4,
+        "cutoff_hz": 15.0,
+        "bench_stiffness": {"value": "12000 N*m/rad"},
+        "calibration": UNCERTAIN,
+        "zero": "start",
+        "rest_s": 1.0,
     },
     "parameters": None,
     "walking": {"correct_plate_lag": True, "baseline": "mean"},
-}  # fmt: skip
+}
 
 
 def paragraphs(sheet=(ROW,), **tables):

@@ -28,7 +28,7 @@ from stamp_recorders import (
     torque_at,
     two_nodes,
     waits,
-)  # fmt: skip
+)
 
 from osl_analysis.base.trial import check_time
 from osl_analysis.signals.device_clock import DeviceClock, held_values
@@ -129,9 +129,14 @@ def test_samples_of_a_creeping_clock_lie_where_its_stamps_do():
 
 
 @pytest.mark.parametrize(("kind", "age"), [("even", 0.0), ("true", 0.0), ("true", 0.5)])
-@pytest.mark.parametrize("case", [
-    {"decimals": 4, "jitter": 6.5e-5}, {"rate": 200.0, "jitter": 1e-3}, {"lost": 1e-3},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "case",
+    [
+        {"decimals": 4, "jitter": 6.5e-5},
+        {"rate": 200.0, "jitter": 1e-3},
+        {"lost": 1e-3},
+    ],
+)
 def test_even_devices_true_stamps_and_older_values_are_told_apart(kind, age, case):
     recording, taken = recorded(**{"seed": len(str(case)), "kind": kind, "age": age, **case})
 
@@ -266,10 +271,16 @@ def test_a_command_with_a_level_each_150_ms_is_not_held():
 
 
 # Where the sample before a missing one waited, the gap is no long step.
-@pytest.mark.parametrize(("lost", "jitter", "late", "share_misplaced"), [
-    (30, 0.0, 0.0, 0), (30, 1e-4, 0.0, 0), (30, 0.0, 1e-4, 5e-3),
-    (3000, 0.0, 0.0, 0), (3000, 0.0, 1e-4, 3e-2),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("lost", "jitter", "late", "share_misplaced"),
+    [
+        (30, 0.0, 0.0, 0),
+        (30, 1e-4, 0.0, 0),
+        (30, 0.0, 1e-4, 5e-3),
+        (3000, 0.0, 0.0, 0),
+        (3000, 0.0, 1e-4, 3e-2),
+    ],
+)
 def test_every_missing_sample_is_found_at_its_place(lost, jitter, late, share_misplaced):
     random = np.random.default_rng(lost)
     t = clock(1000.0, 60.0)
@@ -322,21 +333,27 @@ def of(stamps, values=None, **fields):
     )
 
 
-@pytest.mark.parametrize(("stamps", "values", "counter", "says"), [
-    *((np.delete(np.where(TICKS < 5, TICKS, TICKS + 3600), lost), None, None, JUMP) for lost in ([],
-    100)),
-    (0 * TICKS + 3, None, None, r"time.*3\.000000 s.*6000"),
-    (TICKS[:5], None, None, "torque has 5 values.*20"),
-    (TICKS[:90], np.full(90, np.inf), None,
-     r"torque.* inf .*row 0.* 0\.000000 s"),
-    (TICKS[:90], np.full(90, np.nan), None,
-     "torque.*0.*90.*20"),
-    (TICKS[:20], None, np.minimum(np.arange(20), 6),
-     r"counter.*6.*6.*0\.070000 s;"),
-    (TICKS + 0.6 * (TICKS >= 5), None, np.arange(6000), r"no sample .*4\.9900 s .*5\.6000 s"),
-    (clock(1000.0, 10.0)[np.arange(10_000) // 100 % 2 == 0], None, None,
-     r"0\.0000 s.*9\.8990 s.*0\.20 s.*gap.*20 ms"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("stamps", "values", "counter", "says"),
+    [
+        *(
+            (np.delete(np.where(TICKS < 5, TICKS, TICKS + 3600), lost), None, None, JUMP)
+            for lost in ([], 100)
+        ),
+        (0 * TICKS + 3, None, None, r"time.*3\.000000 s.*6000"),
+        (TICKS[:5], None, None, "torque has 5 values.*20"),
+        (TICKS[:90], np.full(90, np.inf), None, r"torque.* inf .*row 0.* 0\.000000 s"),
+        (TICKS[:90], np.full(90, np.nan), None, "torque.*0.*90.*20"),
+        (TICKS[:20], None, np.minimum(np.arange(20), 6), r"counter.*6.*6.*0\.070000 s;"),
+        (TICKS + 0.6 * (TICKS >= 5), None, np.arange(6000), r"no sample .*4\.9900 s .*5\.6000 s"),
+        (
+            clock(1000.0, 10.0)[np.arange(10_000) // 100 % 2 == 0],
+            None,
+            None,
+            r"0\.0000 s.*9\.8990 s.*0\.20 s.*gap.*20 ms",
+        ),
+    ],
+)
 def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, counter, says):
     with refused_with(rf"cell:.*{says}"):
         one_time_base([of(stamps, values, counter=counter)])
@@ -363,11 +380,13 @@ def test_a_clock_that_is_slow_by_100_ppm_is_said_to_be():
     assert [stream["ppm"] for stream in slow.streams] == pytest.approx([0, -100, None], abs=0.05)
 
 
-@pytest.mark.parametrize(("streams", "told"), [
-    ([Stream("early", TICKS, {"a": TICKS}), of(TICKS + 70)],
-     r"cell .*70\.0000 s .*59\.9900 s"),
-    (two_nodes(np.random.default_rng(1), (0.0, 7e-3)), r"cell: .*\d+\.\d+ ms .*samples"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("streams", "told"),
+    [
+        ([Stream("early", TICKS, {"a": TICKS}), of(TICKS + 70)], r"cell .*70\.0000 s .*59\.9900 s"),
+        (two_nodes(np.random.default_rng(1), (0.0, 7e-3)), r"cell: .*\d+\.\d+ ms .*samples"),
+    ],
+)
 def test_streams_apart_and_a_host_that_hides_its_rhythm_are_refused(streams, told):
     with refused_with(told):
         one_time_base(streams)
@@ -392,9 +411,14 @@ def test_a_gap_before_the_other_stream_begins_does_not_count():
     assert one_time_base([Stream("early", early, {"a": early}), of(TICKS + 5)]).usable.all()
 
 
-@pytest.mark.parametrize(("wait", "one_in", "rate"), [
-    (2e-4, (0, 50), RATE), (2e-3, (300, 300), RATE), (1 / 150, (50, 50), 300.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("wait", "one_in", "rate"),
+    [
+        (2e-4, (0, 50), RATE),
+        (2e-3, (300, 300), RATE),
+        (1 / 150, (50, 50), 300.0),
+    ],
+)
 def test_regular_losses_behind_a_late_host_are_refused(wait, one_in, rate):
     random = np.random.default_rng(one_in[1] + int(1e6 * wait))
     waiting = tuple(wait if every else 0.0 for every in one_in)
@@ -404,10 +428,14 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in, rate):
         one_time_base(nodes)
 
 
-@pytest.mark.parametrize(("wait", "rates"), [
-    ((0.0, 2e-3), (RATE, RATE)), ((5e-4, 1e-3), (333.0, 1000.0)),
-    ((5e-4, 1e-3), (1024.0, 1000.0)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("wait", "rates"),
+    [
+        ((0.0, 2e-3), (RATE, RATE)),
+        ((5e-4, 1e-3), (333.0, 1000.0)),
+        ((5e-4, 1e-3), (1024.0, 1000.0)),
+    ],
+)
 def test_late_hosts_that_lose_nothing_are_right_at_any_rates(wait, rates):
     grid = one_time_base(two_nodes(np.random.default_rng(int(sum(rates))), wait, rates=rates))
     assert [stream["missing"] for stream in grid.streams] == [0, 0]

@@ -26,12 +26,19 @@ def test_a_channel_is_clipped_that_is_far_off_half_a_run_away(rows, clipped):
     assert (len(values[run_at_extreme(1.0 * values)]) == rows) == clipped
 
 
-@pytest.mark.parametrize(("rows", "slope", "noise", "stands"), [
-    # samples of one value, and the reference's change per second, as a share of its range
-    (5, 1.0, 0.0, False), (8, 1.0, 0.0, True), (41, 0.035, 0.0, False), (41, 0.065, 0.0, True),
-    # and the noise that it has
-    (41, 0.2, 7e-3, False), (41, 0.2, 3.5e-3, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rows", "slope", "noise", "stands"),
+    [
+        # samples of one value, and the reference's change per second, as a share of its range
+        (5, 1.0, 0.0, False),
+        (8, 1.0, 0.0, True),
+        (41, 0.035, 0.0, False),
+        (41, 0.065, 0.0, True),
+        # and the noise that it has
+        (41, 0.2, 7e-3, False),
+        (41, 0.2, 3.5e-3, True),
+    ],
+)
 def test_a_channel_stands_while_another_moves(rows, slope, noise, stands):
     """A quarter of 41 rows is a tenth of a second."""
     values = white_noise(1000, 1)

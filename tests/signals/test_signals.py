@@ -88,14 +88,16 @@ WITH_A_SHORT_STEP = np.where(TIME < 0.5, TIME, TIME - 0.003)
 WITH_A_REPEATED_STAMP = TIME[[0, 1, 2, 3, 4, 4, 5]]
 
 
-@pytest.mark.parametrize(("refused", "says"), [
-    (lambda: sampling_rate(WITH_A_GAP), r"step.*0\.4900 s.*30\.000 ms"),
-    (lambda: sampling_rate(WITH_A_SHORT_STEP), r"step.*0\.4900 s.*7\.000 ms"),
-    (lambda: LowPass(60.0)(TIME, 100.0), "60 Hz.*0.*rate.*100 Hz"),
-    (lambda: LowPass(5.0)(TIME[:60], 100.0),
-     r"60 samples.*5 Hz;.*0\.6 s"),
-    (lambda: differentiate(WITH_A_REPEATED_STAMP, TIME[:7]), "7 samples"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("refused", "says"),
+    [
+        (lambda: sampling_rate(WITH_A_GAP), r"step.*0\.4900 s.*30\.000 ms"),
+        (lambda: sampling_rate(WITH_A_SHORT_STEP), r"step.*0\.4900 s.*7\.000 ms"),
+        (lambda: LowPass(60.0)(TIME, 100.0), "60 Hz.*0.*rate.*100 Hz"),
+        (lambda: LowPass(5.0)(TIME[:60], 100.0), r"60 samples.*5 Hz;.*0\.6 s"),
+        (lambda: differentiate(WITH_A_REPEATED_STAMP, TIME[:7]), "7 samples"),
+    ],
+)
 def test_refuses_stamps_and_records_without_a_rate_or_a_slope(refused, says):
     with refused_with(says):
         refused()

@@ -83,9 +83,14 @@ def test_what_does_not_repeat_itself_has_no_period(theta):
     assert motion is None or motion.scatter > BENCH_SCATTER
 
 
-@pytest.mark.parametrize(("periods", "other_s", "size", "repeats"), [
-    (5, 10.0, 0.6, True), (3, 22.0, 0.6, False), (3, 22.0, 0.05, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("periods", "other_s", "size", "repeats"),
+    [
+        (5, 10.0, 0.6, True),
+        (3, 22.0, 0.6, False),
+        (3, 22.0, 0.05, True),
+    ],
+)
 def test_a_motion_has_a_period_if_it_repeats_itself_half_of_its_time(
     periods, other_s, size, repeats
 ):
@@ -131,13 +136,18 @@ TRANSIENT = np.pad(np.hanning(200), (100, 5700))
 QUIET = np.tile(multisine(1, 1), 6) + 1e-4 * white_noise(6000, 3)
 
 
-@pytest.mark.parametrize(("theta", "periods"), [
-    (record(3, multisine(1, 2.35), multisine(2, 2.35)), [2, 2]),
-    (record(1, multisine(1), 0.3 * multisine(2)), [4, 4]),
-    # 4 and 7 times the noise
-    (QUIET + 4e-4 * TRANSIENT, [6]), (QUIET + 7e-4 * TRANSIENT, [5]),
-    # an end is known to 30 ms
-    (np.pad(multisine(1, 5.02), (250, 0)), [4]), (np.pad(multisine(1, 5.03), (250, 0)), [5]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("theta", "periods"),
+    [
+        (record(3, multisine(1, 2.35), multisine(2, 2.35)), [2, 2]),
+        (record(1, multisine(1), 0.3 * multisine(2)), [4, 4]),
+        # 4 and 7 times the noise
+        (QUIET + 4e-4 * TRANSIENT, [6]),
+        (QUIET + 7e-4 * TRANSIENT, [5]),
+        # an end is known to 30 ms
+        (np.pad(multisine(1, 5.02), (250, 0)), [4]),
+        (np.pad(multisine(1, 5.03), (250, 0)), [5]),
+    ],
+)
 def test_a_realisation_has_its_settled_periods_and_may_be_smaller(theta, periods):
     assert np.bincount(motion_of(theta).realisation).tolist() == periods

@@ -141,13 +141,18 @@ EVEN = np.full(20, 100)
 SAME = np.ones(20)
 
 
-@pytest.mark.parametrize(("rows", "sizes", "cycles"), [
-    (EVEN, 8 * SAME, [18]), (EVEN, 4 * SAME, []),  # noises
-    # a cycle within 5 % of those before it, and 15 or 25 % longer than the first
-    (100 * 1.012**np.arange(20), 100 * SAME, [18]), (np.repeat([100, 110], 10), 100 * SAME, [9, 9]),
-    # a ramp of 8 %
-    (EVEN, 100 * np.clip(SAME - 0.08 * (np.arange(20) < 5), 0, 1), [14]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rows", "sizes", "cycles"),
+    [
+        (EVEN, 8 * SAME, [18]),
+        (EVEN, 4 * SAME, []),  # noises
+        # a cycle within 5 % of those before it, and 15 or 25 % longer than the first
+        (100 * 1.012 ** np.arange(20), 100 * SAME, [18]),
+        (np.repeat([100, 110], 10), 100 * SAME, [9, 9]),
+        # a ramp of 8 %
+        (EVEN, 100 * np.clip(SAME - 0.08 * (np.arange(20) < 5), 0, 1), [14]),
+    ],
+)
 def test_cycles_of_a_run_are_like_the_five_before_them(rows, sizes, cycles):
     pieces = [
         size * np.sin(2 * np.pi * np.arange(round(n)) / round(n))
@@ -169,12 +174,15 @@ def test_a_clock_that_is_right_to_50_ppm_has_the_commanded_frequencies():
 # ---- Other protocols than the stated one
 
 
-@pytest.mark.parametrize(("theta", "message"), [
-    (57.3 * stepped(),
-     r"328 deg at \d Hz.*1\d\.0 s.*amplitude.*1\.7"),
-    (0.0 * stepped(), "angle.*0 deg"),
-    ((1e-4 * white_noise(9000, 1)), r"0\.0\d+ deg"),
-], ids=["in degrees", "still", "noise"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("theta", "message"),
+    [
+        (57.3 * stepped(), r"328 deg at \d Hz.*1\d\.0 s.*amplitude.*1\.7"),
+        (0.0 * stepped(), "angle.*0 deg"),
+        ((1e-4 * white_noise(9000, 1)), r"0\.0\d+ deg"),
+    ],
+    ids=["in degrees", "still", "noise"],
+)
 def test_a_record_without_the_commanded_sines_is_refused_with_what_it_is(theta, message):
     with refused_with(message):
         segments_of(theta)
@@ -321,10 +329,14 @@ def test_multisine_noise_and_sweep_are_other_motions(move, band):
 STEPS = np.repeat(np.random.default_rng(2).choice([-0.06, 0.06], 400), 50)
 
 
-@pytest.mark.parametrize("theta", [
-    0.09 * signal.sawtooth(0.6 * np.pi * np.arange(0, 40, 1 / FINE), 0.5),
-    np.convolve(STEPS, np.hanning(25) / 12, "same"),
-    np.convolve(0.06 * np.sign(SOUND), np.hanning(9) / 4, "same"),
-], ids=["ramps", "binary", "squares"])  # fmt: skip
+@pytest.mark.parametrize(
+    "theta",
+    [
+        0.09 * signal.sawtooth(0.6 * np.pi * np.arange(0, 40, 1 / FINE), 0.5),
+        np.convolve(STEPS, np.hanning(25) / 12, "same"),
+        np.convolve(0.06 * np.sign(SOUND), np.hanning(9) / 4, "same"),
+    ],
+    ids=["ramps", "binary", "squares"],
+)
 def test_ramps_squares_and_a_binary_sequence_are_other_motions(theta):
     assert not is_stepped(theta, seed=2)

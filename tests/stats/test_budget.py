@@ -35,30 +35,37 @@ def test_neither_a_fault_nor_another_motion_is_in_an_interval():
     assert Budget(100.0, (OWN, fault(50.0), RANGE)).half_width() == alone
 
 
-@pytest.mark.parametrize(("contributions", "needed", "name"), [
-    # the half-width is 2.26; a fault counts beyond what is needed, and beyond the half-width
-    ([fault(4.1)], 4.0, "torque_path"),
-    ([fault(3.9)], 4.0, "clear"),
-    ([fault(2.1, 0.4)], 2.0, "wide"),
-    # beyond what another motion would change, too: the root of 2.26^2 + 3^2 is 3.76
-    ([fault(3.8, 0.4), RANGE], 3.0, "torque_path"),
-    ([fault(3.7, 0.4), RANGE], 3.0, "clear"),
-    ([fault(3.7, source="unexplained_torque", basis="bound"), RANGE], 3.0, "clear"),
-    # of likely faults the range is their own, if they change more than is needed
-    ([fault(3.7, 0.3), fault(3.6, 0.3), RANGE], 3.0, "torque_path"),
-    ([fault(3.7, 0.3), fault(2.9, 0.3), RANGE], 3.0, "clear"),
-    # a change that is improbable is no doubt; those of several candidate models add up
-    ([fault(9.0, 0.15)], 4.0, "clear"),
-    ([fault(9.0, 0.15), fault(8.0, 0.1)], 4.0, "torque_path"),
-    # a likely fault makes a lack of fit that is more than is needed
-    ([fault(0.1, 0.6)], 2.0, "torque_path"),
-    ([fault(0.1, 0.4)], 2.0, "wide"),
-    # which the bench's share of a half-width is not
-    ([BENCH, fault(0.1, 0.6)], 2.5, "wide"),
-    # a bound needs no probability; a likely cause is named before what nothing explains
-    ([fault(9.0, source="unexplained_torque", basis="bound")], 4.0, "unexplained_torque"),
-    ([fault(9.0, source="unexplained_torque", basis="bound"), fault(9.0, 0.9)], 4.0, "torque_path"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("contributions", "needed", "name"),
+    [
+        # the half-width is 2.26; a fault counts beyond what is needed, and beyond the half-width
+        ([fault(4.1)], 4.0, "torque_path"),
+        ([fault(3.9)], 4.0, "clear"),
+        ([fault(2.1, 0.4)], 2.0, "wide"),
+        # beyond what another motion would change, too: the root of 2.26^2 + 3^2 is 3.76
+        ([fault(3.8, 0.4), RANGE], 3.0, "torque_path"),
+        ([fault(3.7, 0.4), RANGE], 3.0, "clear"),
+        ([fault(3.7, source="unexplained_torque", basis="bound"), RANGE], 3.0, "clear"),
+        # of likely faults the range is their own, if they change more than is needed
+        ([fault(3.7, 0.3), fault(3.6, 0.3), RANGE], 3.0, "torque_path"),
+        ([fault(3.7, 0.3), fault(2.9, 0.3), RANGE], 3.0, "clear"),
+        # a change that is improbable is no doubt; those of several candidate models add up
+        ([fault(9.0, 0.15)], 4.0, "clear"),
+        ([fault(9.0, 0.15), fault(8.0, 0.1)], 4.0, "torque_path"),
+        # a likely fault makes a lack of fit that is more than is needed
+        ([fault(0.1, 0.6)], 2.0, "torque_path"),
+        ([fault(0.1, 0.4)], 2.0, "wide"),
+        # which the bench's share of a half-width is not
+        ([BENCH, fault(0.1, 0.6)], 2.5, "wide"),
+        # a bound needs no probability; a likely cause is named before what nothing explains
+        ([fault(9.0, source="unexplained_torque", basis="bound")], 4.0, "unexplained_torque"),
+        (
+            [fault(9.0, source="unexplained_torque", basis="bound"), fault(9.0, 0.9)],
+            4.0,
+            "torque_path",
+        ),
+    ],
+)
 def test_a_verdict_compares_faults_with_all_the_rest(contributions, needed, name):
     assert verdict(*contributions, needed=needed) == name
 

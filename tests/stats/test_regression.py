@@ -61,13 +61,15 @@ def test_covariance_of_white_noise_is_statsmodels():
     assert fit.degrees_of_freedom[0] == len(T) - 3
 
 
-@pytest.mark.parametrize(("y", "columns", "message"), [
-    (np.array([1, np.nan, 3]), {"a": np.ones(3)}, "'y'.*sample 1"),
-    (np.ones(2), {"a": np.ones(2), "b": np.arange(2.0)}, "2 samples.*2 parameters"),
-    (np.sin(T),
-     {"K": np.sin(T), "B": np.cos(T), "I": -4 * np.sin(T)}, "K.*I.*apart"),
-    (np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)}, "'b'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("y", "columns", "message"),
+    [
+        (np.array([1, np.nan, 3]), {"a": np.ones(3)}, "'y'.*sample 1"),
+        (np.ones(2), {"a": np.ones(2), "b": np.arange(2.0)}, "2 samples.*2 parameters"),
+        (np.sin(T), {"K": np.sin(T), "B": np.cos(T), "I": -4 * np.sin(T)}, "K.*I.*apart"),
+        (np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)}, "'b'"),
+    ],
+)
 def test_columns_that_determine_nothing_are_named(y, columns, message):
     with pytest.raises((InputError, IdentifiabilityError), match=message):
         regression.linear_fit(y, columns)
@@ -105,12 +107,16 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
     assert covariance == pytest.approx(expected, rel=1e-8, abs=1e-15)
 
 
-@pytest.mark.parametrize(("variances", "freedom", "of_sum"), [
-    ([1.0, 2.0], [5, 10], 9 / (1 / 5 + 4 / 10)),
-    ([[1.0, 0.0], [0.0, 3.0]], [5, 90], [5, 90]), ([[2.0, 0.0]], [5], [5, np.inf]),
-    ([1e-40, 1.0], [5, np.inf], np.inf),  # a scatter that is rounding of a sum
-    ([1e-4, 1.0], [5, np.inf], 5e8),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("variances", "freedom", "of_sum"),
+    [
+        ([1.0, 2.0], [5, 10], 9 / (1 / 5 + 4 / 10)),
+        ([[1.0, 0.0], [0.0, 3.0]], [5, 90], [5, 90]),
+        ([[2.0, 0.0]], [5], [5, np.inf]),
+        ([1e-40, 1.0], [5, np.inf], np.inf),  # a scatter that is rounding of a sum
+        ([1e-4, 1.0], [5, np.inf], 5e8),
+    ],
+)
 def test_freedom_of_a_sum_is_that_of_welch_and_satterthwaite(variances, freedom, of_sum):
     found = welch_satterthwaite(variances, freedom)
     np.testing.assert_allclose(found, of_sum, rtol=1e-3)

@@ -180,9 +180,14 @@ def test_six_unperturbed_crossings_predict_nothing():
     assert found.predicted.budgets["K"] == found.ensemble.budgets["K"]
 
 
-@pytest.mark.parametrize(("inertia", "has_drivetrain", "doubts"), [
-    (-0.03, False, {"B", "I"}), (-0.03, True, set()), (0.03, False, set()),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("inertia", "has_drivetrain", "doubts"),
+    [
+        (-0.03, False, {"B", "I"}),
+        (-0.03, True, set()),
+        (0.03, False, set()),
+    ],
+)
 def test_a_negative_inertia_without_a_drivetrain_is_a_doubt_about_the_lag(
     inertia, has_drivetrain, doubts
 ):

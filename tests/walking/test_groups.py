@@ -200,10 +200,13 @@ def loaded(c, share=1.0, left=0.01, mass=None, seed=0, late=1.0):
 LAST = session()[-1]
 
 
-@pytest.mark.parametrize(("changes", "message"), [
-    (vars(crossing("w10", stance=1.0)), "stance is 1 s"),
-    ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "markers that jump"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (vars(crossing("w10", stance=1.0)), "stance is 1 s"),
+        ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "markers that jump"),
+    ],
+)
 def test_an_outlier_is_named_with_the_reason(changes, message):
     ((name, reason),) = reasons(session(**changes)).items()
 
@@ -262,12 +265,15 @@ def test_crossings_that_start_otherwise_do_not_tell_a_usual_stance():
     assert set(reasons(crossings)) == set(LONG)
 
 
-@pytest.mark.parametrize(("changed", "message"), [
-    (loaded(LAST, mass=70), None),
-    (loaded(LAST, share=0.6), None),  # of a person whose mass nobody states
-    (loaded(LAST, share=0.6, mass=70), "plate.* 0.5"),
-    (loaded(LAST, mass=35), "plate.* 1."),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        (loaded(LAST, mass=70), None),
+        (loaded(LAST, share=0.6), None),  # of a person whose mass nobody states
+        (loaded(LAST, share=0.6, mass=70), "plate.* 0.5"),
+        (loaded(LAST, mass=35), "plate.* 1."),
+    ],
+)
 def test_a_load_far_from_the_known_weight_is_excluded(changed, message):
     (row,) = selected([changed], settings()).values()
 
@@ -279,11 +285,13 @@ def test_a_load_far_from_the_known_weight_is_excluded(changed, message):
 
 
 def test_a_difference_counts_where_half_of_a_kind_of_crossings_have_it():
-    rows = pl.DataFrame({
-        "perturbed": [True, True, False, False, False, False],
-        "different": ["a marker", "corners", "corners", "corners", "ankle", "a marker"],
-        "different_mm": [1.0, 2.0, 20.0, 30.0, 90.0, 40.0],
-    })  # fmt: skip
+    rows = pl.DataFrame(
+        {
+            "perturbed": [True, True, False, False, False, False],
+            "different": ["a marker", "corners", "corners", "corners", "ankle", "a marker"],
+            "different_mm": [1.0, 2.0, 20.0, 30.0, 90.0, 40.0],
+        }
+    )
 
     assert set_up_difference(rows) == ("corners", 25.0)
 

@@ -364,10 +364,13 @@ STANCE = Stance(0.2, 0.8)
 PERSON = np.array([0.0, 700.0])  # [N]
 
 
-@pytest.mark.parametrize(("trial", "message"), [
-    (CLIPPED, r"A3.*force plate 1.*-200.*0\.300 s.*0\.325 s"),
-    (DEAD, r"A3.*force plate 1.*0\.100"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("trial", "message"),
+    [
+        (CLIPPED, r"A3.*force plate 1.*-200.*0\.300 s.*0\.325 s"),
+        (DEAD, r"A3.*force plate 1.*0\.100"),
+    ],
+)
 def test_a_channel_that_fails_in_stance_is_refused(trial, message):
     with refused_with(message):
         check_plate(trial, 1, STANCE, PERSON)
@@ -421,10 +424,13 @@ def test_the_pressure_is_where_the_force_acts():
     assert load_on_foot(0.14 * wrench, CENTRE, ankle)[1] == 0.0, "98 N have no centre"
 
 
-@pytest.mark.parametrize(("force", "along"), [
-    ([20.0, 700, 30], r"\+y .up to 700"),
-    ([20.0, 30, -700], "-z .up to 700"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("force", "along"),
+    [
+        ([20.0, 700, 30], r"\+y .up to 700"),
+        ([20.0, 30, -700], "-z .up to 700"),
+    ],
+)
 def test_a_load_that_does_not_act_upwards_is_refused(force, along):
     with refused_with(rf"{along}.*; .*`axes`.* C3D file in the recorder, .*`sign`"):
         check_vertical(np.outer(PHASE, force), 20.0)
@@ -447,9 +453,13 @@ PLACED = Trial(
 )
 
 
-@pytest.mark.parametrize(("trial", "plate", "message"), [
-    (PLACED, 2, "plate 2;.*1"), (replace(PLACED, provenance={}), 1, "`plate`"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("trial", "plate", "message"),
+    [
+        (PLACED, 2, "plate 2;.*1"),
+        (replace(PLACED, provenance={}), 1, "`plate`"),
+    ],
+)
 def test_a_plate_without_corners_is_refused(trial, plate, message):
     with refused_with(message):
         recorded_corners(trial, plate)
@@ -476,13 +486,16 @@ def test_a_load_that_rolls_forward_or_hardly_moves_is_sound(sound):
     rolled(*sound)
 
 
-@pytest.mark.parametrize(("turned", "message"), [
-    ((90, 90, 80), "9 cm, 90 deg.*135 N, 90 deg.*corners' order"),
-    ((180, 180, -80), "180 deg.*180 deg.*corners' order"),
-    ((180, 0, -80), "180 deg.*N, 0 deg.*wrong sign.*export again"),  # My is reversed
-    ((0, 180, 80), "0 deg.*180 deg.*wrong sign"),  # and the corners were turned for it
-    ((0, 0, -80), r"toes up with 56\.0 N\*m.*another foot"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("turned", "message"),
+    [
+        ((90, 90, 80), "9 cm, 90 deg.*135 N, 90 deg.*corners' order"),
+        ((180, 180, -80), "180 deg.*180 deg.*corners' order"),
+        ((180, 0, -80), "180 deg.*N, 0 deg.*wrong sign.*export again"),  # My is reversed
+        ((0, 180, 80), "0 deg.*180 deg.*wrong sign"),  # and the corners were turned for it
+        ((0, 0, -80), r"toes up with 56\.0 N\*m.*another foot"),
+    ],
+)
 def test_a_plate_that_is_turned_and_a_second_foot_are_refused(turned, message):
     with refused_with(message):
         rolled(0.2, *turned)

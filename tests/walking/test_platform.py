@@ -74,10 +74,13 @@ def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(trial, 
     assert unperturbed(WALK).quality.different_mm < 0.5
 
 
-@pytest.mark.parametrize("shift", [
-    [0, 0, 0.05],  # a marker of the foot is 3 cm above the plate
-    [0.05, 0, 0.02],  # markers of the platform are over a plate that lies there, on its surface
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "shift",
+    [
+        [0, 0, 0.05],  # a marker of the foot is 3 cm above the plate
+        [0.05, 0, 0.02],  # markers of the platform are over a plate that lies there, on its surface
+    ],
+)
 def test_corners_that_lie_2_cm_above_a_marker_over_them_are_told(shift):
     """They stand otherwise in all recordings."""
     high = raised(WALK, shift)
@@ -112,25 +115,35 @@ def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial():
         unperturbed(moved(WALK, "SHANK1", by=0.07), plate())
 
 
-@pytest.mark.parametrize(("cells", "statics", "own"), [
-    ({"subject": "A", "session": "2", "static": "s1"},
-     {"s1": {"subject": "A"}, "s2": {"session": "2"}}, "s1"),
-    ({"subject": "A", "session": "2"},
-     {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}, "s2"),
-    ({"subject": "A"}, {"s1": {}}, "s1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("cells", "statics", "own"),
+    [
+        (
+            {"subject": "A", "session": "2", "static": "s1"},
+            {"s1": {"subject": "A"}, "s2": {"session": "2"}},
+            "s1",
+        ),
+        (
+            {"subject": "A", "session": "2"},
+            {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}},
+            "s2",
+        ),
+        ({"subject": "A"}, {"s1": {}}, "s1"),
+    ],
+)
 def test_the_static_trial_is_the_named_one_else_the_subject_s_else_the_only(cells, statics, own):
     assert static_of("w", cells, statics) == own
 
 
-@pytest.mark.parametrize(("cells", "statics", "message"), [
-    ({}, {"s1": {}, "s2": {}},
-     "subject, session.*side: 2.*static trials s1, s2"),
-    ({"subject": "A"}, {"s1": {}, "s2": {}}, "subject A: 2.*static trials"),
-    ({"subject": "A"}, {"s1": {"subject": "B"}}, "subject A: 0.*static trials s1"),
-    ({"static": "w1"},
-     {"s1": {}}, "static: 'w1'.*trial.*experiment 'static'.*s1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("cells", "statics", "message"),
+    [
+        ({}, {"s1": {}, "s2": {}}, "subject, session.*side: 2.*static trials s1, s2"),
+        ({"subject": "A"}, {"s1": {}, "s2": {}}, "subject A: 2.*static trials"),
+        ({"subject": "A"}, {"s1": {"subject": "B"}}, "subject A: 0.*static trials s1"),
+        ({"static": "w1"}, {"s1": {}}, "static: 'w1'.*trial.*experiment 'static'.*s1"),
+    ],
+)
 def test_a_crossing_without_a_static_trial_of_its_own_is_refused(cells, statics, message):
     with refused_with(rf"trial 'w'.*{message}"):
         static_of("w", cells, statics)
@@ -185,12 +198,18 @@ IN_AIR = pl.col("time").is_between(1.25, 1.27)
 IN_STANCE = pl.col("time").is_between(1.0, 1.6).cast(pl.Float64)
 
 
-@pytest.mark.parametrize(("more", "changes", "told"), [
-    ({"load_on_n": 1000}, {}, "stance.*plate"),
-    ({}, {"plate1_force_z": pl.col("plate1_force_z") * ~IN_AIR},
-     r"0\.93\d-1\.25\d s, 1\.2\d\d-1\.59\d s"),
-    ({}, {"plate1_force_x": -100 * pl.col("time") * IN_STANCE}, "N, 179 deg.*wrong sign"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "changes", "told"),
+    [
+        ({"load_on_n": 1000}, {}, "stance.*plate"),
+        (
+            {},
+            {"plate1_force_z": pl.col("plate1_force_z") * ~IN_AIR},
+            r"0\.93\d-1\.25\d s, 1\.2\d\d-1\.59\d s",
+        ),
+        ({}, {"plate1_force_x": -100 * pl.col("time") * IN_STANCE}, "N, 179 deg.*wrong sign"),
+    ],
+)
 def test_none_or_several_stances_or_one_that_brakes_are_refused(more, changes, told):
     with refused_with(told):
         unperturbed(changed(WALK, **changes), **more)

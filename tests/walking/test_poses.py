@@ -162,12 +162,17 @@ def test_the_calibrated_axis_points_to_the_left_for_either_leg(side: str) -> Non
 FLAT = [pl.col(f"marker_FOOT{k}_{axis}") * 0 for k in range(1, 5) for axis in "yz"]
 
 
-@pytest.mark.parametrize(("trial", "told"), [
-    (hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), "^marker SHANK2"),
-    (changed(static_trial(ANKLE), *FLAT), "foot markers FOOT1, FOOT2, FOOT3, FOOT4"),
-    (replace(static_trial(), samples=static_trial().samples.drop("marker_FOOT3_x")),
-     "'FOOT3'.*'FOOT[124]'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("trial", "told"),
+    [
+        (hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), "^marker SHANK2"),
+        (changed(static_trial(ANKLE), *FLAT), "foot markers FOOT1, FOOT2, FOOT3, FOOT4"),
+        (
+            replace(static_trial(), samples=static_trial().samples.drop("marker_FOOT3_x")),
+            "'FOOT3'.*'FOOT[124]'",
+        ),
+    ],
+)
 def test_a_hidden_static_marker_and_a_cluster_on_a_line_are_refused(
     trial: Trial, told: str
 ) -> None:

@@ -76,11 +76,18 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with (folder / "trials.csv").open("w", newline="") as sheet:
         csv.writer(sheet).writerows(rows)
     own = {
-        "campaign": "odd", "raw_data": raw.name, "sheet": "trials.csv", "sources": sources.name,
-        "results": RESULTS, "simulation": None, "parameters": None, "impedance_trajectory": None,
-        "recorded": "{x}\n\\input{y} <b>", "quality": {"exclude": ["gap"]},
+        "campaign": "odd",
+        "raw_data": raw.name,
+        "sheet": "trials.csv",
+        "sources": sources.name,
+        "results": RESULTS,
+        "simulation": None,
+        "parameters": None,
+        "impedance_trajectory": None,
+        "recorded": "{x}\n\\input{y} <b>",
+        "quality": {"exclude": ["gap"]},
         "failed_trials": "accept",
-    }  # fmt: skip
+    }
     (folder / "config.yaml").write_text(yaml.safe_dump(own))
     (folder / "module.smk").write_text(MODULE)
     ended = asked(folder, "--cores", "1", "osl_reproduce-all")

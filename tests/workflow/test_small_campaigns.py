@@ -30,9 +30,12 @@ SOURCE = {
 TABLE = "results/tables/torque_angle.csv"
 OTHER_SYSTEM = {
     "PYTHONPATH": os.pathsep.join([str(ROOT / "tests/builders/other_system"), str(ROOT)]),
-    "PYTHONIOENCODING": "cp1252", "PYTHONWARNDEFAULTENCODING": "1",
-    "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0",  # no text but ASCII
-}  # fmt: skip
+    "PYTHONIOENCODING": "cp1252",
+    "PYTHONWARNDEFAULTENCODING": "1",
+    "LC_ALL": "C",
+    "PYTHONUTF8": "0",
+    "PYTHONCOERCECLOCALE": "0",  # no text but ASCII
+}
 """The environment of a process to which this machine is like Windows (`other_system`)."""
 DOORS = """
 import sys
@@ -184,9 +187,12 @@ def test_commands_and_a_campaign_run_without_what_windows_and_macos_lack(tmp_pat
 
     ended = subprocess.run(
         [sys.executable, "-c", DOORS, "run", "--cores", "1", TABLE],
-        cwd=tmp_path, env=os.environ | OTHER_SYSTEM, encoding="cp1252",
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    )  # fmt: skip
+        cwd=tmp_path,
+        env=os.environ | OTHER_SYSTEM,
+        encoding="cp1252",
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
 
     assert ended.returncode == 0, ended.stdout
     assert re.findall(r"exit code (\d)", ended.stdout) == ["0"] * 4, ended.stdout

@@ -228,9 +228,16 @@ def test_changed_settings_give_a_fresh_run_s_bytes_and_redo_what_uses_them(works
     planned = again.planned()
     assert {"judge", "table"} <= set(planned)
     kept = {
-        "ingest", "fit", "identify_plate", "find_timing", "analyse_crossing", "select_crossings",
-        "average_unperturbed", "fit_perturbation", "summarise_walking",
-    }  # fmt: skip
+        "ingest",
+        "fit",
+        "identify_plate",
+        "find_timing",
+        "analyse_crossing",
+        "select_crossings",
+        "average_unperturbed",
+        "fit_perturbation",
+        "summarise_walking",
+    }
     assert not kept & set(planned)
     names = ("belt_summary", "impedance", "transmission", "transmission_summary")
     targets = [f"results/tables/{name}.csv" for name in (*names, "quality")]
@@ -289,10 +296,15 @@ def test_another_release_makes_everything_again(workspace, every_job, tmp_path):
 
 
 NOT_CHANGED = {
-    "simulation", "trials", "markers", "time_series", "frequency_response", "exclude",
+    "simulation",
+    "trials",
+    "markers",
+    "time_series",
+    "frequency_response",
+    "exclude",
     "fewest_unperturbed",
     "plate_inertia",
-}  # fmt: skip
+}
 """Such as name markers, a trial, or what a test of its own changes."""
 
 

@@ -116,10 +116,20 @@ def spread_of(values: Array) -> float:
 
 # of values that a log repeats, because their source is slower than the log
 WITHIN_A_ROW = 1.2  # range of rows about even places, which is no chance
+# range of rows about even places of a source whose own jitter adds to the row that the log adds;
+# what has no pace walks off by a row in every few values
+WITHIN_TWO_ROWS = 2.0
+NEARLY_ALL = (0.02, 0.98)  # quantiles between which this range is taken: a row may be late
+LINE_PADDING = 4  # times the rows, over which a spectrum's line is seen to a quarter of its width
 # smallest changes; a slow signal of coarse resolution hardly changes by more from one value
 DECISIVE_CHANGE = 2.5
 LONGEST_HOLD_S = 0.1  # s; a source slower than 10 Hz is taken for a coarse signal
 LEAST_IN_PACE = 0.95  # share of the repetitions that must fit the source's pace
+# rows by which an uneven source may miss its pace: one that the log adds, and a tenth of the pace
+MOST_OFF_PACE = (1.0, 0.1)
+# usual rows per value, below which every whole number is within a row of a multiple, so that a pace
+# tells nothing and a source must be even
+FEWEST_ROWS_OF_PACE = 4
 
 
 @dataclass(frozen=True)
@@ -160,37 +170,70 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
         # a source that is hardly slower than the log: its values are evenly spaced to within a row
         rows = first_rows.astype(float)
         number = np.arange(len(rows))
-        period, _ = line_through(number, rows)
-        is_even = np.ptp(rows - period * number) < WITHIN_A_ROW
-        is_seldom = len(rows) * period <= len(signal) - 3
+        slope, _ = line_through(number, rows)
+        is_even = np.ptp(rows - slope * number) < WITHIN_A_ROW
+        is_seldom = len(rows) * slope <= len(signal) - 3
         if is_seldom or not is_even:
             return None
-        return HeldValues(rows, signal[first_rows], period)
+        return HeldValues(rows, signal[first_rows], slope)
     if not FEWEST_STAMPS < len(first_rows) < 0.6 * len(signal):
         return None
     usual = rows_per_value(signal, first_rows, step)
     if usual is None:
         return None
+    period = even_period(first_rows, len(signal), usual)
+    if period is None:
+        if usual < FEWEST_ROWS_OF_PACE:
+            return None
+        repeated = np.diff(first_rows)
+        period = float(repeated.sum() / values_between(first_rows, usual).sum())
     # a value that equals the one before shows no change: its row is interpolated
-    periods = np.maximum(np.rint(np.diff(first_rows) / usual), 1).astype(np.intp)
-    count = np.append(0, np.cumsum(periods))
+    count = np.append(0, np.cumsum(values_between(first_rows, period)))
     place = np.arange(count[-1] + 1)
     shown_at = first_rows[np.searchsorted(count, place, "right") - 1]
-    return HeldValues(np.interp(place, count, first_rows), signal[shown_at], usual)
+    return HeldValues(np.interp(place, count, first_rows), signal[shown_at], period)
+
+
+def values_between(first_rows: NDArray[np.intp], period: float) -> NDArray[np.intp]:
+    """How many values (k - 1,) of a source lie between rows (k,) at which its value changes."""
+    return np.maximum(np.rint(np.diff(first_rows) / period), 1).astype(np.intp)
+
+
+def even_period(first_rows: NDArray[np.intp], rows: int, usual: float) -> float | None:
+    """Rows per value of a source that samples evenly, near a `usual` number of them; None where the
+    changes, at rows (k,) of so many `rows`, are those of no even source.
+
+    Changes at even times are a line in the spectrum of the rows that change. The changes of an even
+    source stay within a row of even places over the whole recording; those of a signal of coarse
+    resolution walk off.
+    """
+    has_change = np.zeros(rows)
+    has_change[first_rows] = 1.0
+    padded = scipy.fft.next_fast_len(LINE_PADDING * rows, real=True)
+    lines = np.abs(scipy.fft.rfft(has_change - has_change.mean(), padded))
+    # no value is shorter than a row, and the usual one is within a row of the mean
+    slowest = int(padded / (usual + 1)) + 1
+    fastest = int(min(padded / (usual - 1), padded / 2))
+    strongest = slowest + int(np.argmax(lines[slowest : fastest + 1]))
+    guess = padded / strongest
+
+    count = np.append(0, np.cumsum(values_between(first_rows, guess)))
+    period, start = line_through(count, first_rows.astype(float))
+    off_even = first_rows - (start + period * count)
+    is_even = np.ptp(np.quantile(off_even, NEARLY_ALL)) <= WITHIN_TWO_ROWS
+    return float(period) if is_even else None
 
 
 def rows_per_value(signal: Array, first_rows: NDArray[np.intp], step: float) -> float | None:
-    """Usual rows per value of a signal (n,) that changes at these rows; None if it has no pace."""
+    """The usual number of rows per value of a signal (n,) that changes at these rows; None if it
+    has no pace."""
     changes = np.abs(signal[first_rows] - signal[first_rows - 1])
     repeated = np.diff(first_rows)
     decisive = repeated[changes[:-1] > DECISIVE_CHANGE * changes.min()]
     if len(decisive) <= FEWEST_STAMPS:
         return None
-    usual = np.median(decisive)
-    periods = decisive / usual
-    from_whole = np.abs(periods - np.maximum(np.rint(periods), 1)) * usual
-    keeps_pace = from_whole <= 1 + 0.1 * usual
-    if not 2 <= usual <= LONGEST_HOLD_S / step or np.mean(keeps_pace) < LEAST_IN_PACE:
-        return None
-
-    return float(repeated.sum() / np.maximum(np.rint(repeated / usual), 1).sum())
+    usual = float(np.median(decisive))
+    off_pace = np.abs(decisive - usual * np.maximum(np.rint(decisive / usual), 1))
+    keeps_pace = off_pace <= MOST_OFF_PACE[0] + MOST_OFF_PACE[1] * usual
+    is_of_source = 2 <= usual <= LONGEST_HOLD_S / step
+    return usual if is_of_source and np.mean(keeps_pace) >= LEAST_IN_PACE else None

@@ -54,3 +54,45 @@ def test_a_source_hardly_slower_than_the_log_is_even_to_a_row(uneven, holds):
 
 def test_channels_are_compared_over_a_quarter_of_a_second():
     assert turns(EVEN, 2 * EVEN, False) == pytest.approx(0.5)
+
+
+def fast_hand(seed, bits=14):
+    """An angle at 2 kHz of random motion below 6 Hz, of 30 s, with a third of a step of noise."""
+    random = np.random.default_rng(seed)
+    time = np.arange(60000) / 2000
+    hz, phase = random.uniform(0.3, 6, (2, 40))
+    angle = 0.02 * np.sin(2 * np.pi * hz[:, None] * time + phase[:, None]).sum(axis=0)
+    step = 2 * np.pi / 2**bits
+    return step * np.rint(angle / step + 0.3 * random.standard_normal(time.size))
+
+
+def test_a_coarse_angle_whose_values_last_two_rows_is_of_no_slower_source():
+    """Any whole number of rows is within a row of a multiple of two: a pace is no evidence."""
+    angles = [fast_hand(seed, bits) for seed in range(8) for bits in (12, 13, 14)]
+
+    assert [held_values(angle, 1 / 2000) for angle in angles] == [None] * len(angles)
+
+
+@pytest.mark.parametrize("rows", [2.0, 2.1, 2.3, 2.5, 2.9, 3.4, 4.3])
+def test_an_even_source_of_any_rows_per_value_is_found_at_its_period(rows):
+    random = np.random.default_rng(1)
+    value = np.floor(np.arange(20000) / rows + 0.3).astype(int)
+    logged = np.sin(0.01 * value) + 1e-3 * random.standard_normal(value[-1] + 1)[value]
+
+    held = held_values(logged, 1e-3)
+
+    assert held is not None
+    assert held.period == pytest.approx(rows, rel=1e-5)
+    assert len(held.values) == pytest.approx(20000 / rows, abs=2)
+
+
+@pytest.mark.parametrize(("rows", "holds"), [(3, False), (5, True)])
+def test_the_pace_of_an_uneven_source_tells_it_from_five_rows_per_value_on(rows, holds):
+    """Each value lasts a row more or less: of three rows any number is within one of a multiple."""
+    random = np.random.default_rng(2)
+    taken = np.cumsum(random.uniform(rows - 0.9, rows + 0.9, 20000 // rows))
+    value = np.searchsorted(taken, np.arange(19000), "right")
+
+    held = held_values(random.standard_normal(len(taken) + 1)[value], 1e-3)
+
+    assert (held is not None) == holds

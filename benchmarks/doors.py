@@ -8,6 +8,7 @@
 | `fit` | 150 s at 1 kHz: fit, and read and fit, in a warm process; commands with their imports |
 | `run` | `osl-analysis run` of recordings of 60 s, from an empty folder, beside the script on all |
 | `hour` | ingest of an hour: CSV at 1 kHz of six channels beside polars, MCAP of the bench |
+| `bags` | ingest of 20 minutes of the bench in MCAP, and the same messages in sqlite3 and ROS 1 |
 | `plan` | `osl-analysis run -n` of many recordings of one size, which could be copies |
 | `figures` | a figure in PDF, SVG and PNG, the mean of those of `tests/figure_tables` |
 | `page` | the page of a campaign of 1,000 recordings of 8 s, and its opening in headless Chromium |
@@ -48,7 +49,7 @@ SIMULATED = (
 DESIRED = ("--stiffness", "300", "--damping", "5")
 ADOPT_ORPHANS = 36
 """PR_SET_CHILD_SUBREAPER of Linux: workers are forked from a process that ends after its parent."""
-PARTS = ("fit", "run", "hour", "plan", "figures", "page")
+PARTS = ("fit", "run", "hour", "bags", "plan", "figures", "page")
 USUAL_PARTS = PARTS[:-1]
 PLANNED = {1000: "", 3000: "15 s", 10000: "50 s"}  # recordings, and what is allowed
 CYCLES_150_S, CYCLES_60_S, CYCLES_8_S = 22, 9, 1  # of `planted.stepped_sine`
@@ -175,6 +176,25 @@ for again in range(2):  # the first time imports and finds fonts
         files = [folder / f"{path.stem}.{ending}" for ending in ("pdf", "svg", "png")]
         draw_figure(path.stem, path, files)
 print((time.process_time() - before) / len(tables))
+"""
+WRITE_BAGS = """import sys
+from pathlib import Path
+from mcap.reader import make_reader
+from rosbags import rosbag1, rosbag2
+from rosbags.typesys import Stores, get_typestore
+log, of_ros_2, of_ros_1 = map(Path, sys.argv[1:])
+types, types_1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
+sqlite = rosbag2.Writer(of_ros_2, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
+with log.open("rb") as file, sqlite, rosbag1.Writer(of_ros_1) as bag:
+    places = {}
+    for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+        topic, name = channel.topic, schema.name
+        if topic not in places:
+            in_sqlite = sqlite.add_connection(topic, name, typestore=types)
+            places[topic] = in_sqlite, bag.add_connection(topic, name, typestore=types_1)
+        in_sqlite, in_bag = places[topic]
+        sqlite.write(in_sqlite, message.log_time, message.data)
+        bag.write(in_bag, message.log_time, types_1.cdr_to_ros1(message.data, name))
 """
 SIMULATE = """import sys
 from pathlib import Path
@@ -338,6 +358,20 @@ def show_hour(folder: Path) -> None:
     show("  and its fit, a leg", fit.seconds, memory_mb=fit.memory_mb)
 
 
+def show_bags(folder: Path) -> None:
+    """Ingest of the same 20 minutes of the bench in three containers."""
+    log = simulate(folder, THIRD)
+    containers = {"mcap": log, "rosbag2": folder / "sqlite3", "rosbag1": folder / "ros1.bag"}
+    python(folder, WRITE_BAGS, *containers.values())
+    source = (ROOT / "config/sources/dynamometer.yaml").read_text(encoding="utf-8")
+    for name, recording in containers.items():
+        described = source.replace("format: mcap", f"format: {name}")
+        (folder / f"{name}.yaml").write_text(described, encoding="utf-8")
+        files = ("--log", str(recording), "--log-source", name, "--sources", str(folder))
+        ours = product(folder, "ingest", *files, "--output", "bag.parquet", repeats=1)
+        show(f"20 minutes as {name}: ingest", ours.seconds, memory_mb=ours.memory_mb)
+
+
 def show_plans(folder: Path, numbers: Mapping[int, str]) -> None:
     """Plans of campaigns whose recordings have one size and differ in their last value alone."""
     campaign, raw = folder / "plan", folder / "plan_raw"
@@ -418,6 +452,8 @@ def main() -> None:
             show_runs(folder, asked.recordings)
         if "hour" in parts:
             show_hour(folder)
+        if "bags" in parts:
+            show_bags(folder)
         if "plan" in parts:
             show_plans(folder, PLANNED)
         if "figures" in parts:

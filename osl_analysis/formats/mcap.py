@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MCAP (https://mcap.dev/spec), also what an interrupted recorder left, and the folder of a ROS 2
-recording in MCAP: its description, and the files that this lists.
+"""MCAP (https://mcap.dev/spec), also what an interrupted recorder left.
 
 The records are walked from the front, so that a log without its end is read as far as it goes. A
 chunk that does not match its checksum is lost, and counted by the summary. The library `mcap`
@@ -10,14 +9,12 @@ decodes the records; it would take 15 times as long for the messages.
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Mapping
 from contextlib import suppress
 from io import BytesIO
 from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
-import yaml
 from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -25,21 +22,13 @@ from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 from zstandard import ZstdDecompressor
 
-from osl_analysis.base.errors import (
-    InputError,
-    likeliest,
-    listing,
-    naming,
-    on_one_line,
-    shortened,
-)
+from osl_analysis.base.errors import InputError, on_one_line
 from osl_analysis.base.memory import check_unpacked
-from osl_analysis.base.recording import End, Format, Loss, Recording, Rows
+from osl_analysis.base.recording import End, Format, Recording
 from osl_analysis.base.source_file import MessageSource
-from osl_analysis.base.yaml_settings import check_size, text_in
 from osl_analysis.formats.message_layout import rows_at
-from osl_analysis.formats.reading import beginning
-from osl_analysis.formats.topic import LOG_TIME, NO_SCHEMA, PLACE_KEY, Topic, stamp_fields
+from osl_analysis.formats.topic import NO_SCHEMA
+from osl_analysis.formats.topic_log import TopicLog
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of the content [bytes]
@@ -55,29 +44,14 @@ MESSAGE = np.dtype(
 )
 MESSAGES = Opcode.MESSAGE.value  # a plain number: a log has a million of them
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # bytes of the head within the content
-DESCRIPTION = "metadata.yaml"
-REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording"
 
 
-class Log:
-    """Files that are read, and how much of them was.
-
-    Parameters
-    ----------
-    source
-        The source file, or None. It names the fields to read, and the stamp in the messages.
-    """
+class McapLog(TopicLog):
+    """Files of MCAP that are read one after the other."""
 
     def __init__(self, source: MessageSource | None) -> None:
-        self.wanted = None if source is None else _wanted_fields(source)
-        self.stamp = "header.stamp" if source is None else source.time.field
+        super().__init__(source)
         self.schemas: dict[int, Schema] = {}
-        self.topics: dict[str, Topic] = {}
-        self.topic_of: dict[int, Topic] = {}  # by number of the recorder's channel
-        self.declared: Counter[str] = Counter()  # as the summary has them
-        self.chunks_lost = 0
-        self.end = End.WHOLE
-        self.remarks: list[str] = []
         self.path = Path()  # of the file that is read
         self.unpacked = 0  # bytes of its chunks
 
@@ -167,111 +141,14 @@ class Log:
         heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
         lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
         log_times_ns = heads["log_time"].astype(np.int64)
-        for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
-            own = np.flatnonzero(heads["channel"] == channel)
-            if channel in self.topic_of:
-                messages = (content, places[own] + MESSAGE.itemsize, lengths[own])
-                self.topic_of[channel].add(messages, log_times_ns[own], channel)
+        self.add_messages(
+            (content, places + MESSAGE.itemsize, lengths), log_times_ns, heads["channel"]
+        )
 
     def _declare_channel(self, channel: Channel) -> None:
         """Take in a channel of the recorder, whose messages are of a topic."""
-        name = channel.topic
-        if name not in self.topics:
-            schema = self.schemas.get(channel.schema_id, NO_SCHEMA)
-            fields = None if self.wanted is None else self.wanted.get(name, {})
-            self.topics[name] = Topic(name, channel.message_encoding, schema, fields)
-        self.topic_of[channel.id] = self.topics[name]
-
-    @property
-    def read(self) -> Counter[str]:
-        """Messages by topic."""
-        return Counter({name: topic.count for name, topic in self.topics.items()})
-
-    def recording(self, format_name: str, declared: Counter[str]) -> Recording:
-        """Put together what was read, of the messages by topic that a file declares; none if it
-        does not.
-
-        Raises
-        ------
-        InputError
-            Two publishers wrote into a topic that the source file names.
-        """
-        counts = self.read
-        read = counts.total()
-        expected = declared.total() or None
-        if expected not in (None, read):
-            self.remarks.append(f"it declares {expected} messages and holds {read}")
-        by_topic = {
-            name: (count, declared[name] if expected else None)
-            for name, count in sorted(counts.items())
-        }
-        channels = []
-        for topic in self.topics.values():
-            if not topic.is_wanted:
-                continue
-            if topic.lost:
-                of_topic = declared[topic.name] or topic.count
-                by_topic[topic.name] = (len(topic.table), of_topic)
-                self.remarks.append(
-                    f"{topic.lost} of {topic.count} messages of topic '{topic.name}' are lost:"
-                    f" {topic.reason}"
-                )
-            try:
-                topic.check_one_publisher()
-            except InputError as error:
-                if self.wanted is not None:
-                    raise
-                self.remarks.append(str(error))
-            rows = Rows(
-                count=len(topic.table),
-                name=topic.name,
-                stamps_ns=topic.table[LOG_TIME].to_numpy(),
-                lines=topic.table[PLACE_KEY].to_numpy() + 1 if topic.lost else None,
-                noun="message",
-            )
-            channels += topic.channels(rows, {"topic": topic.name}, [self.stamp])
-        return Recording(
-            format=format_name,
-            channels=channels,
-            loss=Loss(read, expected, self.end, by_topic, self.remarks),
-            facts={
-                "chunks_lost": self.chunks_lost,
-                "messages": read,
-            },
-            find_unlisted=self._find_unlisted,
-        )
-
-    def _find_unlisted(self, address: Mapping[str, str]) -> None:
-        """Say why a topic has no numbers for a field."""
-        name, path = address.values()
-        topic = self.topics.get(name)
-        if topic is None or not topic.count:
-            names = sorted(+self.read)
-            raise InputError(
-                f"no messages of '{name}' (the file has {listing(names)})",
-                likeliest(name, names)
-                or "correct `topic`, check that its sensor was on, or copy a file"
-                " again that was cut off",
-            )
-        if topic.lost == topic.count:
-            raise InputError(f"topic '{name}': {topic.reason}", topic.remedy)
-        raise InputError(
-            f"topic '{name}' has no number '{path}' (it has {listing([*topic.listed])})",
-            likeliest(path, [*topic.listed]) or "correct `field` in the source file",
-        )
-
-
-def _wanted_fields(source: MessageSource) -> dict[str, dict[str, None]]:
-    """The fields that a source file asks for, by topic, and the velocity beside each position."""
-    stamps = []
-    if source.time.source == "header":
-        stamps = [path for parts in stamp_fields(source.time.field) for path in parts]
-    wanted: dict[str, dict[str, None]] = {}  # in their order, each once
-    for channel in source.channels.values():
-        beside = channel.field.replace("position", "velocity")
-        paths = filter(None, (channel.field, channel.counter, beside, *stamps))
-        wanted.setdefault(channel.topic, {}).update(dict.fromkeys(paths))
-    return wanted
+        schema = self.schemas.get(channel.schema_id, NO_SCHEMA)
+        self.declare_channel(channel.id, channel.topic, channel.message_encoding, schema)
 
 
 def _messages_alike(content: bytes) -> NDArray[np.int64]:
@@ -308,7 +185,7 @@ def _unpacked(chunk: Chunk) -> bytes:
 
 def read(path: Path, source: MessageSource | None) -> Recording:
     """Read an MCAP file."""
-    log = Log(source)
+    log = McapLog(source)
     log.take_file(path)
     is_whole = log.end == End.WHOLE and not log.chunks_lost
     return log.recording("mcap", log.declared or (log.read if is_whole else Counter()))
@@ -320,67 +197,4 @@ FORMAT = Format(
     begins=methodcaller("startswith", MAGIC),
     source=MessageSource,
     read=read,
-)
-
-
-def read_bag(path: Path, source: MessageSource | None) -> Recording:
-    """Read the parts of the folder of a ROS 2 recording one after the other."""
-    parts, counts = _described(path)
-    log = Log(source)
-    for part in parts:
-        with naming(part):
-            if not beginning(part).startswith(MAGIC):
-                raise InputError(
-                    "is no MCAP",
-                    "convert the recording with `rosbags-convert --src FOLDER --dst NEW"
-                    " --dst-storage mcap`, which stands beside `osl-analysis`",
-                )
-            log.take_file(part)
-    return log.recording("rosbag2", counts)
-
-
-def _described(folder: Path) -> tuple[list[Path], Counter[str]]:
-    """The files of a recording in its order, and the messages of each topic in all of them.
-
-    Raises
-    ------
-    InputError
-        The description in the folder cannot be read, or files are missing.
-    """
-    path = folder / DESCRIPTION
-    counts: Counter[str] = Counter()
-    try:
-        text = path.read_text(encoding="utf-8")
-        with naming(path):
-            check_size(text)
-        about = yaml.load(text, yaml.CSafeLoader)["rosbag2_bagfile_information"]
-        # older ones begin with the folder
-        files = [folder / Path(name).name for name in about["relative_file_paths"]]
-        for topic in about["topics_with_message_count"]:
-            counts[text_in(topic["topic_metadata"]["name"])] += int(topic["message_count"])
-    except InputError:
-        raise
-    except (yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError) as error:
-        reason = shortened(on_one_line(error))
-        raise InputError(
-            f"{path}: not the description of a ROS 2 bag ({reason})", REINDEX
-        ) from error
-    missing = [file.name for file in files if not file.is_file()]
-    if missing:
-        raise InputError(
-            f"{folder}: {len(missing)} of the {len(files)} files that {DESCRIPTION} lists are"
-            f" missing ({listing(missing)})",
-            f"copy them there, or {REINDEX}",
-        )
-    return files, counts
-
-
-BAG = Format(
-    name="rosbag2",
-    suffixes=(".db3", ".bag"),  # to say how they are converted
-    begins=lambda begin: False,
-    source=MessageSource,
-    read=read_bag,
-    is_folder=lambda path: (path / DESCRIPTION).is_file(),
-    files_in=lambda path: [path / DESCRIPTION, *_described(path)[0]],
 )

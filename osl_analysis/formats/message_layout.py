@@ -40,8 +40,8 @@ def full_name(name: str) -> str:
 
 @lru_cache
 def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
-    """Parse a definition in ros2msg, followed by those of the types in it: the fields of each type,
-    by its full name. Raises the library's error."""
+    """Parse a definition in ros2msg or ros1msg, followed by those of the types in it: the fields of
+    each type, by its full name. Raises the library's error."""
     if len(data) > MOST_LETTERS:
         raise InputError(f"schema {name} has {len(data)} letters", NEW_RECORDING)
     text = data.decode(errors="replace").replace("\r", "")
@@ -65,6 +65,9 @@ class Layout:
         Name of the type of the message, and its definition.
     data
         The message, which is walked.
+    is_ros1
+        Whether it is serialised as by ROS 1: little-endian, without encapsulation, alignment and
+        the zero at the end of texts. Else it is CDR.
 
     Attributes
     ----------
@@ -81,23 +84,25 @@ class Layout:
         The message is not what its definition says.
     """
 
-    def __init__(self, name: str, definition: bytes, data: bytes) -> None:
-        if not data.startswith((b"\0\0", b"\0\1")):
+    def __init__(self, name: str, definition: bytes, data: bytes, is_ros1: bool = False) -> None:
+        if not is_ros1 and not data.startswith((b"\0\0", b"\0\1")):
             raise InputError(
                 f"encapsulation {data[:4].hex()} is not plain CDR",
                 "record with the default encoding and without compression of messages",
             )
         self.definition = definition_of(name, definition)
         self.data = data
-        self.position = ENCAPSULATION
-        self.byte_order: Literal["little", "big"] = "little" if data[1] else "big"
+        self.is_ros1 = is_ros1
+        self.begin = 0 if is_ros1 else ENCAPSULATION
+        self.position = self.begin
+        self.byte_order: Literal["little", "big"] = "little" if is_ros1 or data[1] else "big"
         self.numbers: dict[str, tuple[np.dtype[Any], int]] = {}
         self.names = ""
         self.is_shared = np.zeros(len(data), bool)  # bytes that all messages of the layout share
-        self.is_shared[:2] = True  # the mark of plain CDR
+        self.is_shared[: self.begin // 2] = True  # the mark of plain CDR
         self._walk_message(full_name(name), "")
         more = len(data) - self.position
-        if more > MOST_PADDING:
+        if more > (0 if is_ros1 else MOST_PADDING):
             raise InputError(
                 f"a message of {len(data)} bytes has {more} more than its schema describes",
                 NEW_RECORDING,
@@ -129,7 +134,7 @@ class Layout:
         if type_name not in self.definition:
             raise InputError(f"type '{type_name}' is not defined", NEW_RECORDING)
         fields = self.definition[type_name]
-        if not fields:
+        if not fields and not self.is_ros1:
             self._take(1)  # a message without fields has a byte in CDR
         counts = {}  # of arrays of numbers, by path
         texts_of = {}  # by field, with where they stand
@@ -182,8 +187,10 @@ class Layout:
         return int.from_bytes(self.data[begin : begin + 4], self.byte_order)
 
     def _take(self, size: int, multiple: int = 1) -> int:
-        """Go on by some bytes, from a multiple of others, and give where they begin."""
-        begin = self.position + (ENCAPSULATION - self.position) % multiple
+        """Go on by some bytes, in CDR from a multiple of others, and give where they begin."""
+        begin = self.position
+        if not self.is_ros1:
+            begin += (self.begin - begin) % multiple
         self.position = begin + size
         if self.position > len(self.data):
             raise InputError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages by topic as channels of numbers: CDR, JSON and protobuf.
+"""Messages by topic as channels of numbers: those of ROS 1 and 2, JSON and protobuf.
 
 A container gives its messages part by part. The wanted fields are decoded at once and the bytes
 dropped: an hour of messages at 1 kHz is a gigabyte, its numbers are a tenth.
@@ -124,14 +124,20 @@ class Topic:
                 decode = library.DecoderFactory().decoder_for("protobuf", schema)
                 decode(b"")
                 return partial(self._as_objects, decode)
-            case "cdr", "ros2msg":
+            case ("cdr", "ros2msg") | ("ros1", "ros1msg"):
                 definition_of(schema.name, schema.data)  # refused here once, not by message
                 return self._by_layout
+            case (("cdr" | "ros1"), ""):
+                raise InputError(
+                    f"its type {schema.name or 'without a name'} is defined neither in the log nor"
+                    " by ROS",
+                    "convert the log where that type is installed, by `ros2 bag convert` to MCAP,"
+                    " which stores definitions",
+                )
         raise InputError(
             f"encoded as {self.encoding or 'nothing'} ({schema.encoding or 'no schema'}), and"
-            " read are cdr (ros2msg), protobuf (protobuf) and json",
-            "convert the log, as with `ros2 bag convert` to MCAP, or of ROS 1 with"
-            " `rosbags-convert`",
+            " read are cdr (ros2msg), ros1 (ros1msg), protobuf (protobuf) and json",
+            "convert the log, as with `ros2 bag convert` to MCAP",
         )
 
     def _by_layout(self, messages: Bytes) -> Iterator[Decoded]:
@@ -144,7 +150,12 @@ class Topic:
                 layout = self.layouts.get(length)
                 if layout is None or not layout.fits(rows[:1])[0]:
                     try:
-                        layout = Layout(self.schema.name, self.schema.data, rows[0].tobytes())
+                        layout = Layout(
+                            self.schema.name,
+                            self.schema.data,
+                            rows[0].tobytes(),
+                            is_ros1=self.encoding == "ros1",
+                        )
                     except Exception as error:
                         self._note(error)
                         places = places[1:]

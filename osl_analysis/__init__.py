@@ -54,7 +54,7 @@ __all__ = [
 
 MODULES = {
     "DesiredImpedance": "bench.evidence",
-    "Finding": "judge.finding",
+    "Finding": "judge.findings",
     "Fit": "commands.fit_results",
     **dict.fromkeys(
         (

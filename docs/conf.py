@@ -11,7 +11,7 @@ from docutils import nodes
 from docutils.utils.math import latex2mathml
 
 from osl_analysis.dictionary.described import described_tables
-from osl_analysis.judge.known_findings import CHECKS
+from osl_analysis.judge.checks import CHECKS
 from osl_analysis.report.typography import markdown_table
 
 project = "osl-impedance"

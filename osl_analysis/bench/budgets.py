@@ -2,7 +2,7 @@
 """What contributes to an estimate of the bench beside its own fit: what faults of the recording,
 another motion, and what nobody has checked would change.
 
-The sources have their words in `judge/findings.yaml`.
+The sources have their words in `judge/words.yaml`.
 """
 
 from collections.abc import Collection, Mapping

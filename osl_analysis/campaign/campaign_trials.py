@@ -31,8 +31,8 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, RECORDINGS, SOURCES, SheetRows, read_sheet
 from osl_analysis.ingest.raw_files import read_source, recorded_files
+from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.claims import read_claims
-from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import unknown_check
 from osl_analysis.model.drivetrain import joint_of, known_parameters
 from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of

@@ -14,7 +14,8 @@ from osl_analysis.base.files import DISTRIBUTION, ROOT, own_yaml
 from osl_analysis.base.yaml_settings import flat, read_mapping
 from osl_analysis.campaign.campaign_trials import Campaign, code, code_version, digest_of, values_in
 from osl_analysis.campaign.configuration import LIMIT_BY_WEIGHT, Config
-from osl_analysis.judge.limits import SHIPPED
+from osl_analysis.judge.checks import SHIPPED_QUALITY
+from osl_analysis.judge.limits import SHIPPED_DOUBTFUL
 
 # facts on the origin of results
 ABOUT_MEANING = {
@@ -134,7 +135,7 @@ def changed_settings(campaign: Campaign) -> list[dict[str, Any]]:
     `setting`, `value`, `default` and `state`."""
     config = campaign.config
     own = flat(config.model_dump(mode="json", include={"doubtful", "quality"}))
-    defaults = flat(SHIPPED)
+    defaults = flat({"doubtful": SHIPPED_DOUBTFUL, "quality": SHIPPED_QUALITY})
     if config.simulation is None:
         defaults.update(flat(LIMIT_BY_WEIGHT))
     settings = [(name, own.get(name), defaults.get(name)) for name in sorted({*own, *defaults})]

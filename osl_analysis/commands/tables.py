@@ -37,10 +37,10 @@ from osl_analysis.judge.campaign import (
     findings_in_summary,
     judged_together,
 )
+from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.claims import claims_table, read_claims
 from osl_analysis.judge.findings import findings_frame, read_findings
 from osl_analysis.judge.judging import marked, with_doubts_of
-from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,

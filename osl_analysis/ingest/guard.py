@@ -139,7 +139,7 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
         signals = dict(zip(others, values, strict=True))
         sums = sums_of_formula(time, measured, signals)
         # a load cell has noise of its own, and a simulated joint none
-        noise = float(noise_of(measured, COMPUTED_TORQUE.order_of_noise) / np.std(measured))
+        noise = np.float64(noise_of(measured, COMPUTED_TORQUE.order_of_noise)) / np.std(measured)
         of_noise = unexplained_share(rows_of_filter(measured, values)) / min(noise, least)
         of_current = 1.0
         if "current" in signals:

@@ -111,7 +111,7 @@ def readings_of(trial: Trial, pattern: str) -> dict[str, tuple[Array, Array]]:
     return {match[1]: recorded(trial, match[0]) for match in matches if match}
 
 
-# Sampling, clocks and damage. `judge/findings.yaml` says what each check measures.
+# Sampling, clocks and damage. `judge/words.yaml` says what each check measures.
 
 
 @dataclass(frozen=True)
@@ -567,7 +567,8 @@ MEASURES: dict[str, Callable[[Examined], CheckResult | Mapping[str, float]]] = {
 }
 """The function of every check by name: it gives a value and a remark, or a value per channel, of
 which the worst counts. A new check also needs its entry, with its unit, and its finding in
-`judge/findings.yaml`, its rule under `quality` in config/config.yaml, and a test."""
+`judge/checks.py` and `judge/words.yaml`, its threshold under `quality` in config/config.yaml, and
+a test."""
 LOWEST = ("rate", "cop_travel")  # checks of which the lowest value is the worst
 
 

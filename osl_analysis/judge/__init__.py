@@ -11,14 +11,14 @@ The way of one estimate, the damping of a trial whose torque is late, to the pag
 3. `judging.judged` makes of the verdicts of a row `Finding("torque_path", ..., Grade.DOUBTS)`, with
    all estimates that it moves; a failed check of the recording gives it its own name. What the
    budget knows of another motion is a remark, what nobody has measured is not checked.
-4. What no budget tells, such as a wrong unit, the `rules` of `findings.yaml` find by a number
+4. What no budget tells, such as a wrong unit, the rules of `judge/rules.py` find by a number
    beyond its limit (`rules.numbers_beyond`), in any table.
-5. `wording.worded` fills the sentences that `findings.yaml` has under `findings`: what is wrong,
+5. `wording.worded` fills the sentences that `words.yaml` has under `findings`: what is wrong,
    how large it is, what to do.
 6. `judging.marked` writes the verdicts into `K_verdict`, `B_verdict` and `I_verdict`, doubts into
    `doubtful`, and the rest into `remarks`. `campaign.campaign_findings` gathers all findings for
    `findings.csv`, from which `campaign.causes_in_campaign` counts trials for `summary.json`, and
    `report.page` shows each trial its own.
 
-The code says `torque_path`; readers see the title of `findings.yaml`. Words decide nothing.
+The code says `torque_path`; readers see the title of `words.yaml`. Words decide nothing.
 """

@@ -17,7 +17,7 @@ import scipy
 from osl_analysis.base.trial import Array
 from osl_analysis.base.units import factors_near
 from osl_analysis.judge.findings import Finding
-from osl_analysis.judge.rules import Beyond, Grade, rule_of
+from osl_analysis.judge.rules import K_UNLIKE_SHEET, Beyond, Grade
 from osl_analysis.stats.budget import CLEAR, WIDE, own_size
 from osl_analysis.stats.rounding import places_of, significant, to_places
 
@@ -35,7 +35,7 @@ FEWEST = 3  # conditions with repeats, or trials of an arm, from which their sca
 MOST_HALF_WIDTHS = 2.0  # of the difference of two trials
 MOST_BESIDE = 0.1  # of K; what friction, a bending frame and a gain move it
 MOST_DEVIATIONS = 6.0  # median deviations of an arm: four standard deviations
-MOST_OF_GAINS = rule_of("K_over_K_d").ends[1] - 1  # by which a controller may miss what was asked
+MOST_OF_GAINS = K_UNLIKE_SHEET.high - 1  # by which a controller may miss what was asked
 
 
 def disagreements(rows: Iterable[FitRow], needed: Mapping[str, float]) -> list[Finding]:

@@ -12,9 +12,10 @@ import polars as pl
 from osl_analysis.base.errors import listing
 from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.judge.agreement import disagreements
+from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.findings import Finding, fit_of
 from osl_analysis.judge.judging import WHY_NO_FIT, RowFindings, judged, marked
-from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding
+from osl_analysis.judge.known_findings import FINDINGS, known_finding
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
@@ -124,7 +125,7 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[Finding]:
         size = f"{significant(row['value'], 3)} {row['unit']}"
         if row["remark"]:
             size = f"{size} ({row['remark']})"
-        finding = Finding(check.finding, QUALITY, row["trial"], grade, (evidence,), size=size)
+        finding = Finding(check.source, QUALITY, row["trial"], grade, (evidence,), size=size)
         yield worded(finding, row)
 
 
@@ -148,7 +149,7 @@ def exclusion_report(excluded: pl.DataFrame) -> str:
     refused = excluded.filter(check=REFUSED)["trial"].to_list()
     failed = excluded.drop_nulls("value").remove(pl.col("trial").is_in(refused))
     for (check,), rows in failed.group_by("check", maintain_order=True):
-        kind = FINDINGS[CHECKS[str(check)].finding]
+        kind = FINDINGS[CHECKS[str(check)].source]
         trials = [f"{row['trial']} ({exclusion_text(row)})" for row in rows.to_dicts()]
         lines.append(
             f"excluded from tables and figures by quality control: {listing(trials, MOST_NAMED)}:"

@@ -21,8 +21,8 @@ class Finding:
     Attributes
     ----------
     source
-        What was found, a key of `findings.yaml`: a source of the budget, or what a check of the
-        recording or a rule finds; or a column with a limit of the configuration.
+        What was found, the value of a `Source`: a source of the budget, or what a check of the
+        recording or a rule finds.
     table
         The name of the table.
     subject

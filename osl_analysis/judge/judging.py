@@ -14,15 +14,15 @@ from osl_analysis.judge.findings import Finding, fit_of
 from osl_analysis.judge.known_findings import FINDINGS, KnownFinding, known_finding
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.rules import (
-    LIMIT_SIDES,
-    RULES,
     AnyRow,
     Beyond,
     Grade,
+    NumberRule,
     Numbers,
+    RowRule,
     Rule,
     numbers_beyond,
-    rule_of,
+    rules_on,
 )
 from osl_analysis.judge.wording import worded
 from osl_analysis.stats.budget import (
@@ -107,17 +107,7 @@ def judged(
     list of list of Finding
         For each row doubts, remarks, then what could not be checked. Rows without a fit have none.
     """
-    # those whose limits the configuration states before those of `findings.yaml`
-    rules = []
-    for side in LIMIT_SIDES:
-        for column, value in getattr(limits, side).items():
-            if column in table.columns:
-                no_other = dict.fromkeys(LIMIT_SIDES)
-                rules.append(replace(rule_of(column, side), **{**no_other, side: value}))
-    for rule in RULES:
-        needed = {*rule.within, *rule.given, *rule.without, *filter(None, [rule.column])}
-        if (not rule.tables or name in rule.tables) and needed <= {*table.columns}:
-            rules.append(rule)
+    rules = rules_on(name, table.columns, limits.by_column)
     findings: RowFindings = []
     rows = table.to_dicts()
     for row, budgets in zip(rows, budgets_of_rows(rows, budget), strict=True):
@@ -166,7 +156,7 @@ def findings_of_row(
     fault: KnownFinding | None,
 ) -> list[Finding]:
     """What a row is doubted for, what is worth knowing of it, and what could not be checked."""
-    numbers = numbers_beyond(row, [rule for rule in rules if rule.column and rule.holds(row)])
+    numbers = numbers_beyond(row, [rule for rule in rules if isinstance(rule, NumberRule)])
     are_weighed = any(e.budget.of_source(UNEXPLAINED) for e in estimates)
     for column, number in list(numbers.items()):
         if known_finding(number.finding).spoils_estimates and are_weighed:
@@ -180,13 +170,13 @@ def findings_of_row(
     found = [
         finding
         for finding in found
-        if not any(names & set(number.rule.unless) for number in finding.evidence)
+        if not any(number.rule and names & {*number.rule.unless} for number in finding.evidence)
     ]
     found += not_checked(estimates)
     for rule in rules:
-        if not rule.column and rule.holds(row) and not names & set(rule.unless):
-            grade = Grade(rule.grade)
-            found.append(Finding(rule.finding, grade=grade, says=rule.says, remedy=rule.remedy))
+        if isinstance(rule, RowRule) and rule.holds(row) and not names & {*rule.unless}:
+            finding = Finding(rule.source, grade=rule.grade, says=rule.says, remedy=rule.remedy)
+            found.append(finding)
     order = list(Grade)
     # what spoils a recording before what follows from it, and a named cause before none
     found.sort(key=lambda each: not known_finding(each.source).spoils_estimates)
@@ -267,17 +257,19 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
 
 def of_numbers(numbers: Numbers) -> list[Finding]:
     """The numbers beyond their limits by their causes."""
-    by_cause: dict[tuple[str, str], list[Beyond]] = {}
+    by_cause: dict[tuple[str, Grade], list[Beyond]] = {}
     for number in numbers.values():
-        grade = "notes" if known_finding(number.finding).is_result else number.rule.grade
+        grade = number.rule.grade if number.rule else Grade.DOUBTS
+        if known_finding(number.finding).is_result:
+            grade = Grade.NOTES
         by_cause.setdefault((number.finding, grade), []).append(number)
     found = []
-    for (name, of_cause), evidence in by_cause.items():
-        remedies = [number.rule.remedy for number in evidence]
-        ends = [number.column for number in evidence if number.rule.is_of_estimate]
+    for (name, grade), evidence in by_cause.items():
+        remedies = [number.rule.remedy for number in evidence if number.rule]
+        ends = [number.column for number in evidence if number.rule and number.rule.is_of_estimate]
         finding = Finding(
             source=name,
-            grade=Grade(of_cause),
+            grade=grade,
             evidence=tuple(evidence),
             estimates=tuple(end.removesuffix("_high") for end in ends),
             remedy=next(filter(None, remedies), ""),

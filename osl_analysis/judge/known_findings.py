@@ -1,14 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The findings that a trial can have, and the checks of recordings (`findings.yaml`)."""
+"""What a reader is told of each finding (`words.yaml`), and how it bears on others. Words decide
+nothing."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from osl_analysis.base.files import own_yaml
+from osl_analysis.stats.sources import Source
 
 Texts = str | Sequence[str]  # of several the first counts of which all numbers are known
+
+PROPERTIES_OF_DEVICE = frozenset({Source.FRICTION, Source.NONLINEAR_SPRING, Source.VISCOELASTIC})
+"""Sources for which a device is not of second order: the fit is what it says, and not doubtful."""
+SPOIL_ESTIMATES = frozenset(
+    {
+        Source.CLIPPED_SIGNAL,
+        Source.SMOOTHED_MARKERS,
+        Source.FROZEN_SIGNAL,
+        Source.SIGNAL_JUMPS,
+        Source.ANGLE_WRAPS,
+    }
+)
+"""Faults of a recording that name the cause where an estimate is doubtful, and make one doubtful
+whose half-width and half-range exceed what is needed."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +34,7 @@ class KnownFinding:
     Attributes
     ----------
     name
-        The short name by which code and `findings.csv` identify it, such as `late_torque`.
+        Its source, such as `late_torque`.
     title
         What a reader calls it.
     says, remedy
@@ -27,12 +43,6 @@ class KnownFinding:
         The remedy in a few words, where it has many.
     unseen, unseen_remedy
         The same, where it could not be checked.
-    is_result
-        Whether it is a property of the device, which is then not of second order: the fit is what
-        it says, and not doubtful.
-    spoils_estimates
-        Whether it names the cause where an estimate is doubtful, and makes one doubtful whose
-        half-width and half-range exceed what is needed.
     """
 
     name: str
@@ -42,40 +52,36 @@ class KnownFinding:
     brief: str = ""
     unseen: str = ""
     unseen_remedy: str = ""
-    is_result: bool = False
-    spoils_estimates: bool = False
 
+    @property
+    def is_result(self) -> bool:
+        """Whether it is a property of the device."""
+        return self.name in PROPERTIES_OF_DEVICE
 
-TOLERANCE = 1e-3  # of a threshold: clocks of 100 Hz that nobody set run at 99.99 Hz
+    @property
+    def spoils_estimates(self) -> bool:
+        """Whether no estimate can be trusted beside it."""
+        return self.name in SPOIL_ESTIMATES
 
 
 @dataclass(frozen=True)
-class Check:
-    """A check of recordings, whose threshold stands in the configuration."""
+class WordsOfRule:
+    """How large the finding of a rule is, or what could not be checked, and what to do; empty
+    where the finding itself says it."""
 
-    name: str
-    finding: str
-    unit: str  # of its value and threshold
-    meaning: str  # of its value
-    fails: Literal["above", "below"] = "above"  # the side of its threshold on which it fails
-
-    def failed(self, value: float | None, limit: float) -> bool:
-        """Whether a value is beyond its threshold by more than `TOLERANCE`; NaN fails, None (not
-        applicable) does not."""
-        if value is None:
-            return False
-        tolerance = TOLERANCE * limit
-        if self.fails == "below":
-            return not value >= limit - tolerance
-        return not value <= limit + tolerance
+    says: str = ""
+    remedy: str = ""
 
 
-CONTENT: dict[str, Any] = own_yaml(Path(__file__).with_name("findings.yaml"))
-FINDINGS = {name: KnownFinding(name, **fields) for name, fields in CONTENT["findings"].items()}
-CHECKS = {name: Check(name, **fields) for name, fields in CONTENT["checks"].items()}
+CONTENT: dict[str, Any] = own_yaml(Path(__file__).with_name("words.yaml"))
+FINDINGS: Mapping[str, KnownFinding] = {
+    Source(name): KnownFinding(Source(name), **texts) for name, texts in CONTENT["findings"].items()
+}
+WORDS_OF_RULES = {name: WordsOfRule(**texts) for name, texts in CONTENT["rules"].items()}
+MEANINGS_OF_CHECKS: Mapping[str, str] = CONTENT["checks"]
 
 
 def known_finding(name: str) -> KnownFinding:
-    """A finding of `findings.yaml`; of a column that has a limit in the configuration, and no entry
-    there, one without words."""
+    """A finding with its words; of a column that has a limit in the configuration, and no rule of
+    its own, one without words."""
     return FINDINGS.get(name) or KnownFinding(name, title=name, says="")

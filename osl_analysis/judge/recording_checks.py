@@ -20,7 +20,8 @@ from osl_analysis.base.table import unquoted
 from osl_analysis.base.yaml_settings import Settings, misplaced
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.ingest.quality import CheckResult
-from osl_analysis.judge.known_findings import CHECKS, FINDINGS
+from osl_analysis.judge.checks import CHECKS
+from osl_analysis.judge.known_findings import FINDINGS
 
 
 class QualityRules(Settings):
@@ -65,7 +66,7 @@ def spoiled_trials(verdicts: pl.DataFrame) -> dict[str, str]:
     spoiled: dict[str, str] = {}
     failed = verdicts.filter(pl.col("verdict").is_in(["flag", "exclude"]))
     for trial, check in failed.select("trial", "check").iter_rows():
-        finding = CHECKS[check].finding
+        finding = CHECKS[check].source
         if FINDINGS[finding].spoils_estimates:
             spoiled.setdefault(trial, finding)
     return spoiled

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The words of findings, for people.
 
-The sentences stand in `findings.yaml`, with names in braces for numbers of the row. A sentence
-whose numbers the row does not have is left out. Nothing here decides, and nothing that decides reads
-what is written here.
+The sentences stand in `words.yaml`, with names in braces for numbers of the row. A sentence
+whose numbers the row does not have is left out. Nothing here decides, and nothing that decides
+reads what is written here.
 """
 
 import re
@@ -13,7 +13,7 @@ from string import Formatter
 from typing import Any
 
 from osl_analysis.judge.findings import Finding
-from osl_analysis.judge.known_findings import FINDINGS, Texts, known_finding
+from osl_analysis.judge.known_findings import Texts, known_finding
 from osl_analysis.judge.rules import AnyRow, Beyond, Grade
 from osl_analysis.stats.rounding import significant
 
@@ -27,8 +27,6 @@ def worded(finding: Finding, row: AnyRow) -> Finding:
     row : AnyRow
         The row of its table that it is about, or other numbers that its sentences show.
     """
-    if finding.source not in FINDINGS:  # a limit on a column without a rule
-        return replace(finding, says=evidence_text(finding))
     kind = known_finding(finding.source)
     says, remedy = kind.says, kind.remedy
     if finding.grade is Grade.UNCHECKED:
@@ -47,7 +45,7 @@ def size_text(finding: Finding, row: AnyRow) -> str:
     details = [
         filled(number.rule.says, cells_of(row, number))
         for number in finding.evidence
-        if number.finding == finding.source
+        if number.rule and number.finding == finding.source
     ]
     first, *others = [*dict.fromkeys(filter(None, details)), ""]
     return ". ".join(filter(None, [first, *map(capital, others)]))
@@ -61,8 +59,6 @@ def sentence_of(says: Texts, size: str, remedy: Texts, cause: str = "") -> str:
 
 def finding_text(finding: Finding) -> str:
     """A finding in one sentence or two, with the numbers that decided."""
-    if finding.source not in FINDINGS:
-        return str(finding.says)
     sentence = sentence_of(finding.says, finding.size, finding.remedy, finding.cause)
     return f"{sentence} [{evidence_text(finding)}]" if finding.evidence else sentence
 
@@ -105,6 +101,7 @@ def cells_of(row: AnyRow, number: Beyond | None = None) -> dict[str, Any]:
         if cell is not None
     }
     if number is not None:
+        cells["column"] = number.column
         cells["value"] = significant(number.value, 3)
         cells["percent"] = f"{significant(100 * abs(number.value))} %"
         cells["unit"] = number.unit

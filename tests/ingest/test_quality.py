@@ -29,7 +29,7 @@ from osl_analysis.ingest.quality import (
     samples_at_rail,
 )
 from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.judge.known_findings import CHECKS
+from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.recording_checks import (
     QualityRules,
     judged_table,

@@ -17,6 +17,7 @@ from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.rules import Beyond, Grade
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
+from osl_analysis.stats.sources import Source
 
 
 def fits(**columns):
@@ -38,11 +39,11 @@ UNCHECKED = pl.DataFrame(schema=["trial", "check", "verdict"])
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
     row = {"fit": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "n": 3}
     found = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"fit": 90, "held_out": 80})
-    assert [one.evidence for one in found] == [
-        (Beyond("lag", -0.7, -0.5, "below", "lag"),),
-        (Beyond("n", 3.0, 2, "above", "n"),),
-        (Beyond("fit", 80.0, 90, "below", "fit"),),
-    ]
+    (doubt,) = found
+    assert doubt.source == Source.STATED_LIMIT
+    assert [(number.column, number.value, number.limit) for number in doubt.evidence] == [
+        ("lag", -0.7, -0.5), ("n", 3.0, 2), ("fit", 80.0, 90),
+    ]  # fmt: skip
     assert doubts(row, {"lag": 0.7, "condition": None}, {"fit": 80}) == []
     assert beyond_in(doubts({"fit": float("nan")}, {}, {"fit": 90})) == {"fit": "nan"}
 
@@ -71,7 +72,8 @@ def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
     table = marked(
         fits(vaf=[None, 80.0], reason=["no markers", None]), Limits(below={"vaf": 90}), "walking"
     )
-    assert (table["doubtful"].to_list(), doubtful_row(table)) == ([None, "vaf"], {"n_doubtful": 1})
+    assert table["doubtful"].to_list() == [None, "beyond a stated limit"]
+    assert doubtful_row(table) == {"n_doubtful": 1}
 
 
 @pytest.mark.parametrize(

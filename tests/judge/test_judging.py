@@ -8,8 +8,8 @@ import pytest
 from conftest import findings_of
 
 from osl_analysis.dictionary.described import table_of
+from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.judging import judged, marked, results_in, short_list, verdicts_of, wide_in
-from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import Accuracy, Limits
 from osl_analysis.judge.rules import Grade
 from osl_analysis.judge.wording import finding_text
@@ -220,7 +220,7 @@ def test_no_unit_is_asked_for_where_a_torque_path_explains_the_ratio():
 def test_a_ratio_has_one_limit_for_both_sides(ratio, is_beyond):
     found = findings_of({"some_ratio": ratio}, Limits(ratio={"some_ratio": 2}), "belt")
 
-    assert [finding.source for finding in found] == ["some_ratio"] * is_beyond
+    assert [finding.source for finding in found] == ["stated_limit"] * is_beyond
 
 
 def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():

@@ -194,7 +194,7 @@ with log.open("rb") as file, sqlite, rosbag1.Writer(of_ros_1) as bag:
             places[topic] = in_sqlite, bag.add_connection(topic, name, typestore=types_1)
         in_sqlite, in_bag = places[topic]
         sqlite.write(in_sqlite, message.log_time, message.data)
-        bag.write(in_bag, message.log_time, types_1.cdr_to_ros1(message.data, name))
+        bag.write(in_bag, message.log_time, types.cdr_to_ros1(message.data, name))
 """
 SIMULATE = """import sys
 from pathlib import Path

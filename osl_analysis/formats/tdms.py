@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LabVIEW's TDMS, by npTDMS."""
+"""LabVIEW's TDMS, by npTDMS.
+
+What the library warns of, such as a scale that it does not apply or a segment that is not as long
+as its channels say, is refused: it would give raw or exchanged numbers.
+"""
 
 import logging
-from collections.abc import Mapping
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from io import BytesIO
@@ -14,10 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from osl_analysis.base.errors import InputError, optional_module
+from osl_analysis.base.errors import InputError, optional_module, shortened
 from osl_analysis.base.recording import SECOND_NS, Channel, End, Format, Kind, Loss, Recording, Rows
 from osl_analysis.base.source_file import LogChannel, Name, RowTime, TableSource
 from osl_analysis.formats.reading import in_one_sentence
+
+LEAD_IN_BYTES = 28  # of a segment: its mark, flags, version, and two lengths from its end on
+IS_BIG_ENDIAN = 1 << 6  # flag of a segment
 
 
 class TdmsChannel(LogChannel):
@@ -47,27 +56,28 @@ class TdmsSource(TableSource):
 def read(path: Path, source: TdmsSource | None) -> Recording:
     """Read the channels of a file with their timing."""
     nptdms = optional_module("nptdms", "a TDMS file")
-    nptdms.log.log_manager.set_level(logging.ERROR)  # of what it would print
+    nptdms.log.log_manager.console_handler.setLevel(logging.CRITICAL)  # of what it would print
     data = path.read_bytes()
-    # of bytes: it would go by an index beside the file, maybe another's
-    file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
+    with library_warnings() as warnings:
+        # of bytes: it would go by an index beside the file, maybe another's
+        file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
     every = [channel for group in file.groups() for channel in group.channels()]
     if not every:
         raise InputError("holds no channels, or is cut off before them", "copy it again")
-    segments = file._reader._segments  # for which it has no public name
-    for segment in segments:
-        # the library would give one channel the numbers of the next
-        if segment.final_chunk_lengths_override is not None and not segment.segment_incomplete:
-            raise InputError(
-                f"the segment at byte {segment.position} is not as long as its channels say",
-                "copy it again, or save it from LabVIEW or DIAdem under a new name",
-            )
-    # the library is silent where the head of a segment is cut
-    is_cut = segments[-1].segment_incomplete or segments[-1].next_segment_pos < len(data)
+    is_cut = is_cut_off(data)
+    if warnings and not is_cut:
+        raise InputError(
+            f"its segments contradict each other: npTDMS says '{shortened(warnings[0])}'",
+            "copy it again, or save it from LabVIEW or DIAdem under a new name",
+        )
     remarks = ["the last segment is not complete: the recorder did not finish"] if is_cut else []
     by_rows: dict[Any, list[Any]] = {}
+    not_scaled = {}  # by channel, what the library says where it first looks at its scales
     for channel in every:
-        if not len(channel) or np.dtype(channel.dtype).kind not in "biufM":
+        with library_warnings() as warnings:
+            kind = np.dtype(channel.dtype).kind
+        not_scaled[channel.path] = "".join(warnings[:1])
+        if not len(channel) or kind not in "biufM":
             remarks.append(f"channel '{channel.path}' is empty or holds no numbers")
             continue
         # the last segment may be cut within a channel, so that rows end with the shortest one
@@ -80,7 +90,7 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
         rows = Rows(min(map(len, members)), group, noun="value")
         if step_s:
             rows = replace(rows, rate_hz=1 / step_s, start_s=(start_ns - first_ns) / SECOND_NS)
-        channels += [_channel_of(member, rows) for member in members]
+        channels += [_channel_of(member, rows, not_scaled[member.path]) for member in members]
     return Recording(
         format="tdms",
         channels=channels,
@@ -93,14 +103,43 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     )
 
 
-def _channel_of(channel: Any, rows: Rows) -> Channel:
+@contextmanager
+def library_warnings() -> Iterator[list[str]]:
+    """Collect what the library warns of within the block."""
+    warnings: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            warnings.append(record.getMessage())
+
+    collector = Collector(logging.WARNING)
+    logger = logging.getLogger("nptdms")
+    logger.addHandler(collector)
+    try:
+        yield warnings
+    finally:
+        logger.removeHandler(collector)
+
+
+def is_cut_off(data: bytes) -> bool:
+    """Whether the last segment ends before or behind the end of a file."""
+    position = 0
+    while position + LEAD_IN_BYTES <= len(data):
+        (flags,) = struct.unpack_from("<I", data, position + 4)
+        order = ">" if flags & IS_BIG_ENDIAN else "<"
+        (length,) = struct.unpack_from(f"{order}Q", data, position + 12)
+        position += LEAD_IN_BYTES + length
+    return position != len(data)
+
+
+def _channel_of(channel: Any, rows: Rows, not_scaled: str) -> Channel:
     about = channel.properties
     are_times = channel.dtype.kind == "M"
     unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
     return Channel(
         address={"channel": f"{rows.name}/{channel.name}"},
         rows=rows,
-        read=partial(_values_of_channel, channel, rows.count),
+        read=partial(_values_of_channel, channel, rows.count, not_scaled),
         name=channel.name,
         unit="ns" if are_times else unit,
         kind=Kind.CLOCK if are_times else Kind.SIGNAL,
@@ -118,8 +157,14 @@ def _timing_of_channel(channel: Any) -> tuple[int, float]:
     return start_ns, step_s if 0 < step_s < np.inf else 0.0
 
 
-def _values_of_channel(channel: Any, count: int) -> NDArray[Any]:
+def _values_of_channel(channel: Any, count: int, not_scaled: str) -> NDArray[Any]:
     """Its first numbers as the file scales them, or stamps [ns]."""
+    if not_scaled:
+        raise InputError(
+            f"channel {channel.path}: its scale is not applied, and its values are raw: npTDMS says"
+            f" '{shortened(not_scaled)}'",
+            "save the scaled values from LabVIEW or DIAdem, or export them as text",
+        )
     with in_one_sentence():  # values are read when they are asked for
         values = channel.read_data(length=count)
     if channel.dtype.kind == "M":

@@ -5,6 +5,7 @@ a word."""
 import json
 import math
 import re
+import struct
 from functools import partial
 
 import numpy as np
@@ -14,6 +15,8 @@ from conftest import ROOT
 from log_builders import write_tdms
 from recognised_files import read_recognised, refusal_of
 
+from osl_analysis import formats
+from osl_analysis.base.recording import End
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.ingest.raw_files import read_converted, read_source
@@ -182,6 +185,56 @@ def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_p
     np.testing.assert_allclose(
         read_tdms(alone, time={"rate": 400}).samples["time"], k * 2.5e-3, atol=1e-9
     )
+
+
+LINEAR = {"NI_Scale[0]_Linear_Slope": 2.0, "NI_Scale[0]_Linear_Y_Intercept": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters"), [("Linear", LINEAR), ("PieceWisePolynomial", {}), ("Spline", {})]
+)
+def test_a_scale_is_applied_or_its_channel_refused_by_name(tmp_path, kind, parameters):
+    scale = {
+        "NI_Number_Of_Scales": 1,
+        "NI_Scaling_Status": "unscaled",
+        "NI_Scale[0]_Scale_Type": kind,
+        "NI_Scale[0]_Linear_Input_Source": 0xFFFFFFFF,
+    }
+    angle = ("Angle", ANGLE, TIMING | {"unit_string": "deg"})
+    torque = ("Torque", TORQUE, TIMING | scale | parameters)
+    path = write_tdms(tmp_path / "a.tdms", [angle, torque])
+
+    recording = formats.read(path)
+
+    read_angle, read_torque = recording.channels
+    np.testing.assert_allclose(read_angle.values, ANGLE)
+    if parameters:
+        np.testing.assert_allclose(read_torque.values, 2 * TORQUE + 1)
+    else:
+        assert re.search(f"Torque.*raw.*{kind}", refused_tdms(path))
+        assert re.search(f"Torque.*raw.*{kind}", " ".join(inspect_file(path).remarks))
+
+
+def test_a_segment_that_is_not_as_long_as_its_channels_say_is_refused(tmp_path):
+    """Else the library would give one channel numbers of the next."""
+    path = write_tdms(tmp_path / "a.tdms", [("Angle", ANGLE, {}), ("Torque", TORQUE, {})], 2)
+    data = path.read_bytes()
+    second = data.index(b"TDSm", 4)
+    longer = struct.pack("<Q", second - 28 + 12)
+    path.write_bytes(data[:12] + longer + data[20:second] + bytes(12) + data[second:])
+
+    assert "contradict" in refused_tdms(path)
+
+
+@pytest.mark.parametrize("lost", [1, 500, 1700])
+def test_a_last_segment_that_is_cut_off_is_remarked(tmp_path, lost):
+    path = write_tdms(tmp_path / "a.tdms", [("Angle", ANGLE, {}), ("Torque", TORQUE, {})], 2)
+    path.write_bytes(path.read_bytes()[:-lost])
+
+    loss = formats.read(path).loss
+
+    assert loss.end == End.MISSING
+    assert "did not finish" in " ".join(loss.remarks)
 
 
 @pytest.mark.recordings

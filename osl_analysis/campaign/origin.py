@@ -114,17 +114,16 @@ def date_of_data(campaign: Campaign) -> str:
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
-    """Say the origin of results (`about`) in a sentence. Below a figure, without the hash of
-    settings that it may not even use."""
+    """Say the origin of results (`about`) in a sentence. Below a figure it is short, and without
+    the hash of settings that the figure may not even use."""
     made_by = f"{DISTRIBUTION} {about['version']}"
-    if not below_figure:
-        made_by += f", configuration {about['configuration']}"
+    data = about["data"].capitalize()
+    if below_figure:
+        return f"{data}: {about['campaign']}, {made_by}, {about['recorded']}"
+    made_by += f", configuration {about['configuration']}"
     if "digest" in about:
         made_by += f", digest {about['digest']}"
-    return (
-        f"{about['data'].capitalize()} data: campaign {about['campaign']}, {made_by},"
-        f" {about['recorded']}"
-    )
+    return f"{data} data: campaign {about['campaign']}, {made_by}, {about['recorded']}"
 
 
 # Which settings are stated, and which decide otherwise than the defaults

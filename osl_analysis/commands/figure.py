@@ -2,11 +2,13 @@
 """Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the
 captions."""
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import polars as pl
 
@@ -44,6 +46,8 @@ from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 
 if TYPE_CHECKING:
+    from matplotlib.text import Text
+
     from osl_analysis.figures.style import PaperFigure
 
 MOST_REFUSED = 4  # refused trials below a figure; `excluded.csv` names all
@@ -54,10 +58,11 @@ METADATA: Any = {
     ".png": {},
 }
 
+SVG_POINTS_PER_INCH = 72
+
 # of the lines below a figure, which say where it comes from
-FOOTER_POINTS = 5.5  # size of the letters
-FOOTER_LINE_IN = 0.1  # height of a line
-FOOTER_LETTERS = 28  # per inch
+FOOTER_POINTS = 6  # size of the letters, the smallest that IEEE prints
+FOOTER_LINE_IN = 0.11  # height of a line
 
 
 def plot_numbers(
@@ -139,7 +144,7 @@ def write_figure(
     figure: "PaperFigure", outputs: Sequence[Path], origin: str = "", footer: bool = True
 ) -> None:
     """Write a figure as PDF, SVG or PNG, with what its data are in the metadata and, if there is to
-    be a footer, in a small line below it."""
+    be a footer, in one small line below it."""
     from osl_analysis.figures.style import GREY, paper_style
 
     unknown = [path for path in outputs if path.suffix not in METADATA]
@@ -150,9 +155,9 @@ def write_figure(
         )
     with paper_style():
         if origin and footer:
-            lines = textwrap.wrap(origin, int(figure.get_figwidth() * FOOTER_LETTERS))
-            figure.set_figheight(figure.get_figheight() + FOOTER_LINE_IN * (1 + len(lines)))
-            figure.supxlabel("\n".join(lines), parse_math=False, fontsize=FOOTER_POINTS, color=GREY)
+            figure.set_figheight(figure.get_figheight() + 2 * FOOTER_LINE_IN)
+            line = figure.supxlabel(origin, parse_math=False, fontsize=FOOTER_POINTS, color=GREY)
+            shorten_to_width(line, figure)
         layout = figure.get_layout_engine()
         if layout is not None:
             layout.execute(figure)
@@ -164,6 +169,15 @@ def write_figure(
         figure.savefig(page, format=path.suffix.removeprefix("."), metadata=metadata)
         with atomic_path(path) as temporary:
             temporary.write_bytes(page.getvalue())
+
+
+def shorten_to_width(line: "Text", figure: "PaperFigure") -> None:
+    """Take letters off the end of a line until it is no wider than its figure; an ellipsis stands
+    for them. The metadata of the file have the whole text."""
+    text = line.get_text()
+    while text and line.get_window_extent().width > figure.bbox.width:
+        text = text[:-1].rstrip()
+        line.set_text(f"{text}…")
 
 
 def read_plotted(name: str, table_csv: Path) -> pl.DataFrame:
@@ -185,11 +199,18 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> 
         text = f"Not drawn: {reasons}."
         if not reasons:
             text = " ".join(caption_of(name, read_plotted(name, table)))
-            drawing = table.with_suffix(".svg").read_text(encoding="utf-8")
-            is_single = f'width="{72 * SINGLE_COLUMN:g}pt"' in drawing
+            width_in = drawn_width_in(table.with_suffix(".svg"))
+            is_single = math.isclose(width_in, SINGLE_COLUMN, rel_tol=1e-3)
             text += f"\n\n{'One column' if is_single else 'Two columns'} wide."
         sections.append(f"## {figure_title(name)}\n\n{text}\n")
     write_text(output, "\n".join(sections))
+
+
+def drawn_width_in(drawing: Path) -> float:
+    """The width of a figure's SVG file [in]."""
+    svg = ElementTree.parse(drawing).getroot()
+    width_points = float(svg.attrib["width"].removesuffix("pt"))
+    return width_points / SVG_POINTS_PER_INCH
 
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path) -> pl.DataFrame:

@@ -106,12 +106,16 @@ def completed(name: str, points: pl.DataFrame) -> pl.DataFrame:
 
 
 def caption_of(name: str, numbers: pl.DataFrame) -> list[str]:
-    """The sentences of a figure's caption that speak of what is drawn of these plotted numbers."""
+    """The sentences of a figure's caption that speak of what is drawn of these plotted numbers, and
+    those of its function `statistics`, which has numbers in them."""
     sentences = []
     for text in FIGURES[name].caption:
         *condition, sentence = text.split(" => ")
         if all(numbers.select(pl.sql_expr(each).any()).item() for each in condition):
             sentences.append(sentence)
+    module = module_of(name)
+    if hasattr(module, "statistics"):
+        sentences += module.statistics(numbers)
     return sentences
 
 

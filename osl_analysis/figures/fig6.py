@@ -14,6 +14,7 @@ from osl_analysis.figures import style
 from osl_analysis.stats.repeats import counted
 from osl_analysis.stats.rounding import written
 
+NOMINAL_DIGITS = 2  # significant digits of an amplitude in the legend: measured ones scatter by 1 %
 LEAST_DRAWN = 1e-4  # smaller unexplained shares are drawn here [percent]
 MEDIAN_LINE: Any = {"color": style.BLACK, "zorder": 1}
 
@@ -64,14 +65,16 @@ def areas(rows: pl.DataFrame, table: pl.DataFrame) -> Array:
 
 
 def amplitude_keys(table: pl.DataFrame) -> list[Line2D]:
-    """The markers of the smallest and of the largest amplitude of each controller."""
+    """A marker for each amplitude [deg], grey, since its size means the same of every
+    controller."""
+    rows = table.drop_nulls("amplitude_deg").with_columns(
+        nominal_deg=pl.col("amplitude_deg").round_sig_figs(NOMINAL_DIGITS)
+    )
+    amplitudes = rows.unique("nominal_deg").sort("nominal_deg")
+    sizes = mpl.rcParams["lines.markersize"] * np.sqrt(areas(amplitudes, table))
     keys = []
-    for look, rows in style.by_controller(table.drop_nulls("amplitude_deg")):
-        ends = rows.sort("amplitude_deg")[[0, -1]]
-        sizes = mpl.rcParams["lines.markersize"] * np.sqrt(areas(ends, table))
-        for amplitude, size in zip(ends["amplitude_deg"], sizes, strict=True):
-            label = f"{amplitude:.2g}°"
-            keys.append(style.key(label, marker=look.marker, color=look.colour, ms=size))
+    for amplitude, size in zip(amplitudes["nominal_deg"], sizes, strict=True):
+        keys.append(style.key(f"{amplitude:g}°", marker="o", color=style.GREY, ms=size))
     return keys
 
 

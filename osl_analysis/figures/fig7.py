@@ -18,6 +18,7 @@ from osl_analysis.figures.drawing import DESIRED, LINEAR_MODEL, OBSERVED
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import DrivetrainParameters, dynamic_stiffness
 
+LABEL_ROOM = 0.08  # of the width of a single panel, for a label of a frequency
 FAITHFUL_PERCENT = 10  # largest |Z - Z_d|, of |Z_d|, of a faithful impedance
 LABELS = {
     "magnitude": "Magnitude (mrad/(N·m))",
@@ -128,13 +129,18 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         of_part = axes[column :: len(parts)]
         for ax, quantity in zip(of_part, quantities, strict=True):
             draw_part(ax, part, quantity)
-        of_part[-1].set_xscale("log")
-        style.label_log_axis(of_part[-1].xaxis)
-        of_part[-1].set_xlabel("Frequency (Hz)")
+        lowest = of_part[-1]
+        lowest.set_xscale("log")
+        measured_hz = part.filter(curve=OBSERVED)["frequency_hz"].to_list()
+        if measured_hz:
+            style.label_values(lowest.xaxis, measured_hz, LABEL_ROOM * len(parts))
+        lowest.set_xlabel("Frequency (Hz)")
     for ax, quantity in zip(axes[:: len(parts)], quantities, strict=True):
         ax.set_ylabel(LABELS[quantity])
 
     keys = [*style.estimate_keys(axes, observed), *style.labelled(axes, Line2D)]
+    if not table.filter(curve=LINEAR_MODEL).is_empty():
+        keys.append(style.key("Linear model", color=style.GREY, linestyle="--"))
     style.legend_above(figure, keys)
     return figure
 
@@ -147,8 +153,7 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
         ax.plot(frequency_hz, desired[quantity], color=style.BLACK, zorder=1, label="Desired")
     for number, (look, model) in enumerate(style.by_controller(part.filter(curve=LINEAR_MODEL))):
         dashes = (0, (6 / (number + 1), 2))  # the first has the longest, on and off [line widths]
-        label = f"Linear model, {look.label}"
-        ax.plot(model["frequency_hz"], model[quantity], ls=dashes, color=look.colour, label=label)
+        ax.plot(model["frequency_hz"], model[quantity], ls=dashes, color=look.colour)
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
         style.draw_estimates(ax, observed, "frequency_hz", quantity, look)
     if quantity == "magnitude":
@@ -157,6 +162,5 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
     elif quantity == "phase_deg":
         ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
     else:
-        label = f"{FAITHFUL_PERCENT} % from desired"
-        ax.axhline(FAITHFUL_PERCENT, color=style.BLACK, ls=":", label=label)
+        ax.axhline(FAITHFUL_PERCENT, color=style.BLACK, ls=":")
         ax.set_ylim(bottom=0)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fig. 9: stiffness, damping and inertia of the ankle while walking."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import polars as pl
@@ -13,13 +12,21 @@ from osl_analysis.stats.budget import QUANTITIES
 from osl_analysis.walking.impedance_fit import ENSEMBLE
 
 MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`
-# Fits to the mean response: estimator, face and name of a marker
+# Fits to the mean response: estimator, face of a marker, and category
 SHOWN_FITS = (
     (ENSEMBLE, style.PURPLE, "Mean response, 95 %"),
     ("ensemble, predicted gait", style.WHITE, "Predicted gait, 95 %"),
 )
-NEXT_GROUP = 3  # distance of the middles of two groups, of which each perturbation is within 0.5
 ONE_PERTURBATION = style.Look(style.GREY, "o", "One perturbation")
+MEAN_LABEL = "Mean ± SD"
+# Places of the categories of a group on the axis; perturbations stand within 0.5 of theirs
+PLACES = {
+    ONE_PERTURBATION.label: 0.0,
+    MEAN_LABEL: 0.9,
+    **{label: 1.6 + 0.7 * number for number, (_, _, label) in enumerate(SHOWN_FITS)},
+}
+NEXT_GROUP = 3.5  # distance of the first categories of two groups
+MARGIN = 0.7  # from the first and the last category to the ends of the axis
 
 
 def points(
@@ -75,45 +82,61 @@ def points(
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
-    """(a) K, (b) B, (c) I, side by side, each with all groups."""
+    """(a) K, (b) B, (c) I, side by side, each with all groups. The axis names the categories of one
+    group; of several it names the groups, and a legend the categories."""
     names = table["group"].unique(maintain_order=True)
-    width = style.DOUBLE_COLUMN if len(names) > 1 else style.SINGLE_COLUMN
-    figure, axes = style.panels(width, 3.5, 1, 3)
+    has_one_group = len(names) == 1
+    width = style.SINGLE_COLUMN if has_one_group else style.DOUBLE_COLUMN
+    figure, axes = style.panels(width, 4, 1, len(QUANTITIES))
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         of_quantity = table.filter(quantity=quantity)
         span = float(np.ptp(of_quantity.filter(estimator=PERTURBATION)["mean"].to_numpy()))
         for number, rows in enumerate(of_quantity.partition_by("group")):
             draw_group(ax, rows, NEXT_GROUP * number, span)
-        ax.set_xlim(-1, NEXT_GROUP * len(names) - 0.5)
-        ax.set_xticks([])
+        last_place = NEXT_GROUP * (len(names) - 1) + max(PLACES.values())
+        ax.set_xlim(-MARGIN, last_place + MARGIN)
+        ax.tick_params(axis="x", length=0)
+        if has_one_group:
+            ax.set_xticks(list(PLACES.values()), list(PLACES), rotation=90)
+        else:
+            label_groups(ax, list(names))
         ax.set_ylabel(style.AXIS_LABELS[quantity])
         if quantity == "I" or ax.dataLim.y0 < 0:
             ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
     axes[-1].yaxis.set_major_formatter(lambda inertia, _: f"{1e3 * inertia:.6g}".replace("-", "−"))
-    vaf = table.filter(estimator=ENSEMBLE, quantity="VAF")
-    texts = [of_response(group) for group in vaf.to_dicts()]
-    if len(names) > 1:
-        labels = [style.drawn_name(name) for name in names]
-        places = [NEXT_GROUP * number + 0.5 for number in range(len(names))]
-        for ax in axes:
-            ax.set_xticks(places, labels, rotation=90 if len(names) > 2 else 0)
-        texts = [f"{name}: {text}" for name, text in zip(labels, texts, strict=True)]
-    keys = [*style.labelled(axes[:1]), *style.open_keys(table)]
-    style.legend_above(figure, keys, "\n".join(texts))
+
+    keys = style.labelled(axes[:1])
+    if has_one_group:
+        keys = [entry for entry in keys if entry.get_label() not in PLACES]
+    style.legend_above(figure, [*keys, *style.open_keys(table)])
     return figure
 
 
-def of_response(group: Mapping[str, Any]) -> str:
-    """What the fit to the mean response of a group is made of, and its VAF."""
-    return (
-        f"$n$ = {group['n']} perturbed, {group['n_unperturbed']} unperturbed crossings,\n"
-        f"onset at {100 * group['onset_phase']:.0f} % of stance,"
-        f" fitted for {1000 * group['window_s']:.0f} ms, VAF {group['mean']:.2f} %"
-    )
+def label_groups(ax: Axes, names: Sequence[str]) -> None:
+    """The name of each group below the middle of its categories."""
+    middle = max(PLACES.values()) / 2
+    places = [NEXT_GROUP * number + middle for number in range(len(names))]
+    labels = [style.drawn_name(name) for name in names]
+    ax.set_xticks(places, labels, rotation=90 if len(names) > 2 else 0)
+
+
+def statistics(table: pl.DataFrame) -> list[str]:
+    """A sentence of the caption for each group: of what the fit to its mean response is made, and
+    its VAF."""
+    groups = table.filter(estimator=ENSEMBLE, quantity="VAF").to_dicts()
+    sentences = []
+    for group in groups:
+        name = f"{group['group']}: " if len(groups) > 1 else ""
+        sentences.append(
+            f"{name}{group['n']} perturbed and {group['n_unperturbed']} unperturbed crossings;"
+            f" onset at {100 * group['onset_phase']:.0f} % of stance;"
+            f" {1000 * group['window_s']:.0f} ms are fitted; VAF {group['mean']:.2f} %."
+        )
+    return sentences
 
 
 def draw_group(ax: Axes, rows: pl.DataFrame, place: float, span: float) -> None:
-    """One quantity of a group around its place: perturbations, their mean, the fits to the mean
+    """One quantity of a group from its place on: perturbations, their mean, the fits to the mean
     response, and the command. `span` is the range of all perturbations."""
     fits = rows.filter(estimator=PERTURBATION)
     values = fits["mean"].to_numpy()
@@ -121,17 +144,25 @@ def draw_group(ax: Axes, rows: pl.DataFrame, place: float, span: float) -> None:
     style.draw_fits(ax, fits, x, values, ONE_PERTURBATION, areas=0.5)
     mean = rows.filter(estimator=MEAN)
     ax.errorbar(
-        place + 1, mean["mean"], yerr=mean["sd"], fmt="s", color=style.BLACK, label="Mean ± SD"
+        place + PLACES[MEAN_LABEL],
+        mean["mean"],
+        yerr=mean["sd"],
+        fmt="s",
+        color=style.BLACK,
+        label=MEAN_LABEL,
     )
-    for number, (estimator, face, label) in enumerate(SHOWN_FITS, 3):
+    for estimator, face, label in SHOWN_FITS:
         fit = rows.filter(estimator=estimator)
-        if len(fit):
-            # the interval may lie on one side of the estimate
-            beside = place + number / 2
-            interval = fit.select("low", "high").row(0)
-            ax.plot([beside, beside], interval, color=style.PURPLE, marker="_")
-            ax.plot(beside, fit["mean"], "D", color=style.PURPLE, mfc=face, label=label)
-    command = rows["commanded"].drop_nulls()[:1]
-    if len(command):
-        ends = [place - 0.5, place + 2]
-        ax.plot(ends, [*command] * 2, "--", color=style.BLACK, zorder=0, label="Commanded")
+        if fit.is_empty():
+            continue
+        x_of_fit = place + PLACES[label]
+        interval = fit.select("low", "high").row(0)
+        # the interval may lie on one side of the estimate
+        ax.plot([x_of_fit, x_of_fit], interval, color=style.PURPLE, marker="_")
+        ax.plot(x_of_fit, fit["mean"], "D", color=style.PURPLE, mfc=face, label=label)
+    command = rows["commanded"].drop_nulls()
+    if not command.is_empty():
+        ends = [place - 0.5, place + max(PLACES.values()) + 0.3]
+        ax.plot(
+            ends, [command[0], command[0]], "--", color=style.BLACK, zorder=0, label="Commanded"
+        )

@@ -24,14 +24,25 @@ from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import (
+    FixedFormatter,
+    FixedLocator,
+    FuncFormatter,
+    Locator,
+    LogLocator,
+    MaxNLocator,
+    NullLocator,
+)
 from numpy.typing import ArrayLike
 
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.repeats import is_doubtful
 
-SINGLE_COLUMN = 3.5  # width of a column of an IEEE two-column page [in]
-DOUBLE_COLUMN = 7.16  # width of its text block [in]
+# Widths of a figure [in], a tenth of a point (1/72.27 in) below those of IEEEtran, so that TeX does
+# not call the box overfull.
+TEX_POINTS_PER_INCH = 72.27
+SINGLE_COLUMN = 251.9 / TEX_POINTS_PER_INCH  # IEEEtran: \columnwidth is 252.0 pt
+DOUBLE_COLUMN = 515.9 / TEX_POINTS_PER_INCH  # IEEEtran: \textwidth is 516.0 pt
 
 BLACK = "#000000"
 WHITE = "#FFFFFF"
@@ -183,7 +194,8 @@ def has_values(table: pl.DataFrame, column: str) -> bool:
 # What several figures draw
 
 # bars of an estimate: ending of its columns, label, width [pt]
-BARS = (("", "95 % interval", 2), ("_range", "Range", 0.5))
+INTERVAL_LABEL, RANGE_LABEL = "95 % interval", "Range"
+BARS = (("", INTERVAL_LABEL, 2), ("_range", RANGE_LABEL, 0.5))
 POINTS_PER_INCH = 72
 SWARM_ROWS = 24  # markers of a swarm that have room one above the other
 
@@ -268,15 +280,15 @@ def open_keys(table: pl.DataFrame) -> list[Line2D]:
 
 
 def estimate_keys(axes: Sequence[Axes], table: pl.DataFrame) -> list[Line2D]:
-    """What `draw_estimates` has drawn that is seen: controllers, bars of which one is longer than
-    its marker, and open markers."""
+    """What `draw_estimates` has drawn that is seen: controllers, the range if one is longer than
+    its marker, and open markers. Captions tell of the interval."""
     keys = [
         key(look.label, marker=look.marker, color=look.colour) for look, _ in by_controller(table)
     ]
-    length = 2 * mpl.rcParams["lines.markersize"]
-    for _, label, width in BARS:
-        if any(longest_bar(ax, label) > mpl.rcParams["lines.markersize"] for ax in axes):
-            keys.append(key(label, marker="|", color=GREY, markersize=length, mew=width))
+    marker_size = mpl.rcParams["lines.markersize"]
+    if any(longest_bar(ax, RANGE_LABEL) > marker_size for ax in axes):
+        length = 2 * marker_size
+        keys.append(key(RANGE_LABEL, marker="|", color=GREY, markersize=length, mew=0.5))
     return keys + open_keys(table)
 
 
@@ -344,8 +356,57 @@ def swarm_offsets(heights: Array, span: float, columns: float) -> Array:
     return offsets / max(columns, 2 * np.abs(offsets).max())
 
 
+class LogTicks(Locator):
+    """Ticks of a logarithmic axis: at 1, else at 1, 2 and 5, else at each digit of a decade, the
+    first of these of which `FEWEST_TICKS` lie on the axis; else at even distances."""
+
+    DIGITS = ((1,), (1, 2, 5), (1, 2, 3, 4, 5, 6, 7, 8, 9))
+    FEWEST_TICKS = 3  # fewer do not show that the scale is logarithmic
+    MOST_EVEN_TICKS = 4
+
+    def __call__(self) -> list[float]:
+        assert self.axis is not None, "a locator of an axis"
+        low, high = sorted(self.axis.get_view_interval())
+        return self.tick_values(low, high)
+
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        for digits in self.DIGITS:
+            ticks = np.asarray(LogLocator(subs=digits).tick_values(vmin, vmax))
+            on_axis = ticks[(ticks >= vmin) & (ticks <= vmax)]
+            if len(on_axis) >= self.FEWEST_TICKS:
+                return [float(tick) for tick in on_axis]
+        even = np.asarray(MaxNLocator(self.MOST_EVEN_TICKS).tick_values(vmin, vmax))
+        return [float(tick) for tick in even]
+
+
 def label_log_axis(axis: Axis, text: Callable[[float], str] = "{:.4g}".format) -> None:
-    """Give a logarithmic axis ticks at 1, 2, 3 and 5 of each decade, of a short one even ones."""
-    axis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
+    """Give a logarithmic axis at least three ticks, whose labels are plain numbers."""
+    axis.set_major_locator(LogTicks())
     axis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
+    axis.set_minor_locator(NullLocator())
+
+
+def label_values(axis: Axis, values: Sequence[float], room: float) -> None:
+    """Give a logarithmic axis a tick at each of some values, such as the measured frequencies.
+
+    Parameters
+    ----------
+    axis : Axis
+    values : sequence of float
+    room : float
+        Smallest distance of two labels, as a share of the axis; a tick that is nearer to the last
+        label has none.
+    """
+    ordered = sorted({float(value) for value in values})
+    span = np.log(ordered[-1] / ordered[0]) or 1.0
+    labels = []
+    last = -np.inf
+    for value in ordered:
+        place = float(np.log(value / ordered[0]) / span)
+        has_room = place - last >= room
+        labels.append(f"{value:g}" if has_room else "")
+        if has_room:
+            last = place
+    axis.set_major_locator(FixedLocator(ordered))
+    axis.set_major_formatter(FixedFormatter(labels))
     axis.set_minor_locator(NullLocator())

@@ -20,7 +20,14 @@ from osl_analysis.commands.figure import (
 )
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.figures import style
-from osl_analysis.figures.drawing import FIGURES, LINEAR_MODEL, drawn, look_numbers, plotted_numbers
+from osl_analysis.figures.drawing import (
+    FIGURES,
+    LINEAR_MODEL,
+    caption_of,
+    drawn,
+    look_numbers,
+    plotted_numbers,
+)
 from osl_analysis.figures.style import DOUBLE_COLUMN, SINGLE_COLUMN, paper_style
 from osl_analysis.model.compensator import CONTROLLERS, PAPER_WEIGHT
 
@@ -142,9 +149,9 @@ RESPONSES = pl.DataFrame(
 """The mean response, fitted for 100 ms."""
 
 
-def in_amplitudes():
-    """Fig. 5 of fits with ranges over amplitudes, viscous damping, and doubts of the two trials of
-    one condition."""
+def in_amplitudes(name="fig5"):
+    """Fig. 5, or its supplement, of fits with ranges over amplitudes, viscous damping, and doubts
+    of the two trials of one condition."""
     ends = {
         f"{q}_range_{end}": pl.col(q) + step
         for q in "KB"
@@ -152,7 +159,11 @@ def in_amplitudes():
     }
     reason = pl.when(K_d=100, B_d=0).then(pl.lit("VAF 80 is below 90"))
     fits = stored("impedance").with_columns(**ends, B_viscous=pl.col("B") - 0.4, doubtful=reason)
-    return plotted_numbers("fig5", fits)
+    return plotted_numbers(name, fits)
+
+
+def errors_in_amplitudes():
+    return in_amplitudes("impedance_errors")
 
 
 def both_branches():
@@ -174,36 +185,90 @@ SHOWN = [
     # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the
     # table), vertical axis
     ("fig3", both_branches, 0, True, "theta_s_deg", ("torque",)),
-    ("fig3", both_branches, 1, True, "theta_s_deg", (pl.col("torque") - pl.col("mean_slope"),)),
+    (
+        "fig3",
+        both_branches,
+        1,
+        True,
+        "theta_s_deg",
+        (pl.col("torque") - pl.col("mean_slope") + pl.col("loop_shift"),),
+    ),
     ("fig4", left_out, 0, True, "time", ("theta_deg",)),
     ("fig4", left_out, 1, True, "time", ("torque", "torque_model")),
     ("fig4", left_out, 2, True, "time", (RESIDUAL,)),
-    *(("fig5", in_amplitudes, k, True, None,
-       [*(one.format(q) for one in OBSERVED), f"{q}_d", f"{q}_d_rendered"])
-      for k, q in ((0, "K"), (2, "B"))),
-    ("fig5", in_amplitudes, 1, pl.col("K_d") > 0, None,
-     [100 * (pl.col(one.format("K")) / pl.col("K_d") - 1) for one in OBSERVED]),
-    ("fig5", in_amplitudes, 3, True, None,
-     [pl.col(one.format("B")) - pl.col("B_d") for one in OBSERVED]),
-    ("fig5", in_amplitudes, 2, True, None, ("B_viscous",)),
-    ("fig6", None, 0, True, None,
-     (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),
-    *(("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in OBSERVED])
-      for k, q in enumerate(("magnitude", "phase_deg"))),
+    *(
+        ("fig5", in_amplitudes, k, True, None, [*(one.format(q) for one in OBSERVED), f"{q}_d"])
+        for k, q in enumerate("KB")
+    ),
+    (
+        "impedance_errors",
+        errors_in_amplitudes,
+        0,
+        pl.col("K_d") > 0,
+        None,
+        [
+            100 * (pl.col(one.format("K")) / pl.col("K_d") - 1)
+            for one in (*OBSERVED, "K_d_rendered")
+        ],
+    ),
+    (
+        "impedance_errors",
+        errors_in_amplitudes,
+        1,
+        True,
+        None,
+        [
+            pl.col(one.format("B")) - pl.col("B_d")
+            for one in (*OBSERVED, "B_d_rendered", "B_viscous")
+        ],
+    ),
+    (
+        "fig6",
+        None,
+        0,
+        True,
+        None,
+        (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller")),
+    ),
+    *(
+        ("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in OBSERVED])
+        for k, q in enumerate(("magnitude", "phase_deg"))
+    ),
     ("fig7", response_table, 2, True, "frequency_hz", [one.format("Z_error") for one in OBSERVED]),
     *(("fig8", None, k, True, "stance", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),
-    *(("fig9", None, k, ~IS_MEAN & (pl.col("quantity") == q), None,
-       ("mean", "low", "high", "commanded")) for k, q in enumerate("KBI")),
-    *(("fig9", None, k, IS_MEAN & (pl.col("quantity") == q), None, ("mean", *WITHIN_SD))
-      for k, q in enumerate("KBI")),
+    *(
+        (
+            "fig9",
+            None,
+            k,
+            ~IS_MEAN & (pl.col("quantity") == q),
+            None,
+            ("mean", "low", "high", "commanded"),
+        )
+        for k, q in enumerate("KBI")
+    ),
+    *(
+        ("fig9", None, k, IS_MEAN & (pl.col("quantity") == q), None, ("mean", *WITHIN_SD))
+        for k, q in enumerate("KBI")
+    ),
     ("torque_angle", torque_angle_table, 0, True, "angle_deg", ("torque", "desired_torque")),
-    ("torque_angle", torque_angle_table, 1, pl.col("branch") == "loading", "angle_deg",
-     ("stiffness",)),
-    *(("walking_page", None, k, pl.col("panel") == panel, "x", ("mean",))
-      for k, panel in enumerate(("angle", "torque", "response angle", "response torque"))),
-    *(("walking_page", None, k, pl.col("panel") == panel, "x", WITHIN_SD)
-      for k, panel in enumerate(("angle", "torque"))),
-]  # fmt: skip
+    (
+        "torque_angle",
+        torque_angle_table,
+        1,
+        pl.col("branch") == "loading",
+        "angle_deg",
+        ("stiffness",),
+    ),
+    *(
+        ("walking_page", None, k, pl.col("panel") == panel, "x", ("mean",))
+        for k, panel in enumerate(("angle", "torque", "response angle", "response torque"))
+    ),
+    *(
+        ("walking_page", None, k, pl.col("panel") == panel, "x", WITHIN_SD)
+        for k, panel in enumerate(("angle", "torque"))
+    ),
+]
 
 
 TABLE_OF = {name: table for name, table, *_ in SHOWN}
@@ -276,13 +341,6 @@ DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(
 ALL_DOUBTFUL = pl.lit("late torque")
 
 
-def half_width(K, B):
-    """Ends of the intervals of all estimates of Fig. 5."""
-    ends = {"K": K, "B": B}
-    low = {f"{name}_low": pl.col(name) - half for name, half in ends.items()}
-    return low | {f"{name}_high": pl.col(name) + half for name, half in ends.items()}
-
-
 LETTERING = [
     # figure, table, what changes, which numbers and marks stand in the figure, and which do not
     ("fig3", both_branches, {"doubtful": DOUBT}, ["682.9", "688.3", "oubtful"], []),
@@ -290,8 +348,6 @@ LETTERING = [
     ("fig4", left_out, {"K_d": NULL, "B_d": NULL, "controller": NO_TEXT}, ["k300"], ["doubtful"]),
     ("fig4", time_series, {"doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
     ("fig6", lambda: plotted("fig6"), {"doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
-    ("fig5", lambda: plotted("fig5"), half_width(0.01, 0.001), [], ["95 % interval"]),
-    ("fig5", lambda: plotted("fig5"), half_width(0.01, 2.0), ["95 % interval"], []),
 ]
 
 
@@ -310,7 +366,7 @@ def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, change
     ("name", "panel", "order"),
     [
         ("fig5", 0, ("K_d", "B_d")),
-        ("fig5", 2, ("B_d", "K_d")),
+        ("fig5", 1, ("B_d", "K_d")),
         ("fig6", 0, ()),
         ("fig7", 0, ()),
         ("fig7", 1, ()),
@@ -356,7 +412,8 @@ def linked_styles(figure):
 def test_no_line_of_fig3_goes_from_the_end_of_a_cycle_to_the_next_one():
     cycle = both_branches().filter(trial="belt_01").sort("branch")
 
-    loading, _ = drawn("fig3", pl.concat([cycle, cycle])).axes[1].lines[1:]
+    loops = drawn("fig3", pl.concat([cycle, cycle])).axes[1]
+    (loading,) = [line for line in loops.lines if line.get_label() == "Loading"]
 
     is_drawn = np.isfinite(loading.get_ydata())
     assert np.count_nonzero(np.diff(is_drawn.astype(int)) == 1) + is_drawn[0] == 2
@@ -467,17 +524,18 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
 
 
 def test_each_figure_has_its_width_and_its_caption_of_what_is_drawn(tmp_path):
-    tables = {name: tmp_path / f"{name}.csv" for name in ("fig4", "fig5")}
+    name = "impedance_errors"
+    tables = {"fig4": tmp_path / "fig4.csv", name: tmp_path / f"{name}.csv"}
     write_lost(tables["fig4"])
-    write_table(plotted("fig5").with_columns(B_viscous=NULL), tables["fig5"])
-    draw_figure("fig5", tables["fig5"], [tmp_path / "fig5.svg"])
+    write_table(plotted(name).with_columns(B_viscous=NULL), tables[name])
+    draw_figure(name, tables[name], [tmp_path / f"{name}.svg"])
 
     write_captions(tables=tables, footer="Simulated data", output=tmp_path / "c.md")
 
     _, of_lost, of_drawn = (tmp_path / "c.md").read_text(encoding="utf-8").split("\n## ")
     assert "i_1: raw/i_1.mcap" in of_lost
     assert "One column wide" in of_drawn
-    assert "Black lines" in of_drawn
+    assert "Thick bars are 95 % intervals" in of_drawn
     assert "Crosses" not in of_drawn
 
 
@@ -488,11 +546,11 @@ def test_viscous_damping_is_drawn_where_every_controller_has_it():
         )
     )
 
-    shown = plotted_numbers("fig5", fits).drop_nulls("B_viscous")
+    shown = plotted_numbers("impedance_errors", fits).drop_nulls("B_viscous")
 
     assert {*shown["B_d"]} == {5.0}
     assert shown["controller"].n_unique() == 2
-    alone = plotted_numbers("fig5", fits.filter(controller="uncompensated"))
+    alone = plotted_numbers("impedance_errors", fits.filter(controller="uncompensated"))
     assert alone["B_viscous"].null_count() == 0
 
 
@@ -506,11 +564,79 @@ def test_the_larger_the_amplitude_the_larger_the_marker_of_fig6():
     assert diameters == pytest.approx(amplitudes * diameters.max() / 6)
 
 
-def test_fig9_says_how_many_crossings_at_which_phase_are_fitted_for_how_long():
-    lettering = texts(drawn_once("fig9", None)[1])
+def test_the_caption_of_fig9_says_how_many_crossings_at_which_phase_are_fitted_for_how_long():
+    numbers, figure = drawn_once("fig9", None)
+
+    caption = " ".join(caption_of("fig9", numbers))
 
     for part in ("31 perturbed", "12 unperturbed", "39 % of stance", "100 ms", "VAF"):
-        assert part in lettering
+        assert part in caption
+    labels = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert labels == [
+        "One perturbation",
+        "Mean ± SD",
+        "Mean response, 95 %",
+        "Predicted gait, 95 %",
+    ]
+
+
+def test_fig7_has_a_tick_at_each_measured_frequency_and_three_of_the_magnitude():
+    numbers, figure = drawn_once("fig7", response_table)
+
+    measured_hz = numbers.drop_nulls("trial")["frequency_hz"].unique().sort()
+    magnitude, *_, lowest = figure.axes
+
+    assert lowest.get_xticks().tolist() == measured_hz.to_list()
+    low, high = sorted(magnitude.get_ylim())
+    assert ((magnitude.get_yticks() >= low) & (magnitude.get_yticks() <= high)).sum() >= 3
+
+
+@pytest.mark.parametrize(("low", "high"), [(2.8, 6.6), (0.9, 12.0), (1e-4, 30.0), (0.31, 0.33)])
+def test_a_logarithmic_axis_has_three_ticks_or_more_and_not_a_crowd(low, high):
+    ticks = style.LogTicks().tick_values(low, high)
+
+    on_axis = [tick for tick in ticks if low <= tick <= high]
+    assert 3 <= len(on_axis) <= 9
+
+
+def test_no_two_loops_of_fig3_have_the_same_place():
+    curves = pl.concat(
+        pl.DataFrame(
+            {
+                "trial": f"belt_{k}",
+                "branch": "loading",
+                "theta_s_deg": [0.0, 2.0, 5.0],
+                "torque": [0.0, 20.0 + k, 50.0 + 2 * k],
+            }
+        )
+        for k in range(4)
+    )
+    belts = pl.DataFrame(
+        {
+            "trial": [f"belt_{k}" for k in range(4)],
+            "K_s": [600.0, 610.0, 620.0, 630.0],
+            "joint": "ankle",
+            "side": "",
+            "doubtful": "",
+        }
+    )
+    summary = pl.DataFrame(
+        {
+            "quantity": ["K_s"],
+            "joint": "ankle",
+            "side": "",
+            "mean": 615.0,
+            "low": 600.0,
+            "high": 630.0,
+        }
+    )
+
+    table = plotted_numbers("fig3", curves, belts, summary)
+
+    shifts = table.unique("trial").sort("trial")["loop_shift"].to_list()
+    step = shifts[1] - shifts[0]
+    assert shifts == pytest.approx([0, step, 2 * step, 3 * step])
+    assert step >= 1.0  # the median height of the loops, at least
 
 
 @pytest.mark.parametrize(

@@ -81,8 +81,8 @@ def test_a_trial_without_k_d_stands_at_the_end_of_the_axis():
     table = of_controllers("pd").with_columns(
         K_d=pl.col("K_d").replace_strict({100: 1, 200: 2, 300: 500, 400: None})
     )
-    stiffness, error, *_ = drawn("fig5", plotted_numbers("fig5", table)).axes
-    letters = [label.get_text() for label in error.get_xticklabels()]
+    stiffness, _ = drawn("fig5", plotted_numbers("fig5", table)).axes
+    letters = [label.get_text() for label in stiffness.get_xticklabels()]
     assert letters == ["1", "2", "500", "not stated"]
     desired = {line.get_ydata()[0] for line in stiffness.lines if line.get_label() == "Desired"}
     assert desired == {1, 2, 500}

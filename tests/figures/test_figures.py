@@ -185,90 +185,36 @@ SHOWN = [
     # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the
     # table), vertical axis
     ("fig3", both_branches, 0, True, "theta_s_deg", ("torque",)),
-    (
-        "fig3",
-        both_branches,
-        1,
-        True,
-        "theta_s_deg",
-        (pl.col("torque") - pl.col("mean_slope") + pl.col("loop_shift"),),
-    ),
+    ("fig3", both_branches, 1, True, "theta_s_deg",
+     (pl.col("torque") - pl.col("mean_slope") + pl.col("loop_shift"),)),
     ("fig4", left_out, 0, True, "time", ("theta_deg",)),
     ("fig4", left_out, 1, True, "time", ("torque", "torque_model")),
     ("fig4", left_out, 2, True, "time", (RESIDUAL,)),
-    *(
-        ("fig5", in_amplitudes, k, True, None, [*(one.format(q) for one in OBSERVED), f"{q}_d"])
-        for k, q in enumerate("KB")
-    ),
-    (
-        "impedance_errors",
-        errors_in_amplitudes,
-        0,
-        pl.col("K_d") > 0,
-        None,
-        [
-            100 * (pl.col(one.format("K")) / pl.col("K_d") - 1)
-            for one in (*OBSERVED, "K_d_rendered")
-        ],
-    ),
-    (
-        "impedance_errors",
-        errors_in_amplitudes,
-        1,
-        True,
-        None,
-        [
-            pl.col(one.format("B")) - pl.col("B_d")
-            for one in (*OBSERVED, "B_d_rendered", "B_viscous")
-        ],
-    ),
-    (
-        "fig6",
-        None,
-        0,
-        True,
-        None,
-        (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller")),
-    ),
-    *(
-        ("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in OBSERVED])
-        for k, q in enumerate(("magnitude", "phase_deg"))
-    ),
+    *(("fig5", in_amplitudes, k, True, None,
+       [*(one.format(q) for one in OBSERVED), f"{q}_d"]) for k, q in enumerate("KB")),
+    ("impedance_errors", errors_in_amplitudes, 0, pl.col("K_d") > 0, None,
+     [100 * (pl.col(one.format("K")) / pl.col("K_d") - 1) for one in (*OBSERVED, "K_d_rendered")]),
+    ("impedance_errors", errors_in_amplitudes, 1, True, None,
+     [pl.col(one.format("B")) - pl.col("B_d")
+      for one in (*OBSERVED, "B_d_rendered", "B_viscous")]),
+    ("fig6", None, 0, True, None,
+     (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),
+    *(("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in OBSERVED])
+      for k, q in enumerate(("magnitude", "phase_deg"))),
     ("fig7", response_table, 2, True, "frequency_hz", [one.format("Z_error") for one in OBSERVED]),
     *(("fig8", None, k, True, "stance", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),
-    *(
-        (
-            "fig9",
-            None,
-            k,
-            ~IS_MEAN & (pl.col("quantity") == q),
-            None,
-            ("mean", "low", "high", "commanded"),
-        )
-        for k, q in enumerate("KBI")
-    ),
-    *(
-        ("fig9", None, k, IS_MEAN & (pl.col("quantity") == q), None, ("mean", *WITHIN_SD))
-        for k, q in enumerate("KBI")
-    ),
+    *(("fig9", None, k, ~IS_MEAN & (pl.col("quantity") == q), None,
+       ("mean", "low", "high", "commanded")) for k, q in enumerate("KBI")),
+    *(("fig9", None, k, IS_MEAN & (pl.col("quantity") == q), None, ("mean", *WITHIN_SD))
+      for k, q in enumerate("KBI")),
     ("torque_angle", torque_angle_table, 0, True, "angle_deg", ("torque", "desired_torque")),
-    (
-        "torque_angle",
-        torque_angle_table,
-        1,
-        pl.col("branch") == "loading",
-        "angle_deg",
-        ("stiffness",),
-    ),
-    *(
-        ("walking_page", None, k, pl.col("panel") == panel, "x", ("mean",))
-        for k, panel in enumerate(("angle", "torque", "response angle", "response torque"))
-    ),
-    *(
-        ("walking_page", None, k, pl.col("panel") == panel, "x", WITHIN_SD)
-        for k, panel in enumerate(("angle", "torque"))
-    ),
-]
+    ("torque_angle", torque_angle_table, 1, pl.col("branch") == "loading", "angle_deg",
+     ("stiffness",)),
+    *(("walking_page", None, k, pl.col("panel") == panel, "x", ("mean",))
+      for k, panel in enumerate(("angle", "torque", "response angle", "response torque"))),
+    *(("walking_page", None, k, pl.col("panel") == panel, "x", WITHIN_SD)
+      for k, panel in enumerate(("angle", "torque"))),
+]  # fmt: skip
 
 
 TABLE_OF = {name: table for name, table, *_ in SHOWN}

@@ -14,9 +14,10 @@ from osl_analysis.base.measured import UNIFORM_WIDTH, visible_step
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.inference.spectra import HIGHEST_OF_RATE
-from osl_analysis.signals.filters import Motion, power_density, seven_point_motion
+from osl_analysis.signals.filters import Motion, seven_point_motion, unfollowed_density
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral.periodic import PeriodicMotion
+from osl_analysis.stats.linear_fit import FALSE_ALARM
 
 STIFFNESS_ALONE = "or record slow cycles (experiment 'torque_angle') for the stiffness alone"
 # rate of a coarse record: what the filter passes has nothing faster than eight, and rounding,
@@ -174,15 +175,18 @@ class Record:
         Rounding of an angle that passes r steps of its encoder in a second is a sawtooth, whose
         harmonic k at the frequency k r has the power step^2/(2 pi^2 k^2). Of slow passages, as of a
         hand that dwells, these lie within the filter. What is left of the noise beyond it is taken
-        as white.
+        as white. What the torque follows there is motion, as of a drive that shakes, and no noise.
         """
         rows = self.is_fitted()
         # above these a slow motion has less of its rounding; a slow recorder has its highest ones
         beside_hz = np.array(BESIDE_CUTOFF) * self.settings.cutoff_hz
         above_hz, below_hz = np.minimum(beside_hz, self.rate_hz * np.array(HIGHEST_OF_RATE))
         removed = (self.theta - self.motion.theta)[rows]
+        removed_torque = (self.torque - self.filtered_torque)[rows]
         second = min(round(self.rate_hz), len(removed))
-        frequency, densities = power_density(removed, self.rate_hz, second)
+        frequency, densities = unfollowed_density(
+            removed, removed_torque, self.rate_hz, second, FALSE_ALARM
+        )
         density = np.median(densities[(frequency > above_hz) & (frequency < below_hz)])
         hz = np.linspace(0, self.rate_hz / 2, SPECTRUM_POINTS + 1)[1:]
         step = self.encoder_step

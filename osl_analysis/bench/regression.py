@@ -383,7 +383,10 @@ def least_squares(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> Line
     A = A_g.sum(axis=0)
     b = b_g.sum(axis=0)
     varies = [k for k, column in enumerate(columns) if column != "one"]
-    estimates, inverse = solved(A, b, tuple(model), varies, limit)
+    rows_of_groups = s.groups.stop - s.groups.first
+    places = np.ix_(*2 * [[s.names.index(column) for column in columns]])
+    noise_of_angle = (share[:, 0, 0] @ rows_of_groups) * s.noise[places]
+    estimates, inverse = solved(A, b, tuple(model), varies, limit, noise_of_angle)
 
     # their scatter: of what repeats, or of fits without a group each
     repeat = s.groups.repeat()

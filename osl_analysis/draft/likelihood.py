@@ -22,8 +22,10 @@ import numpy as np
 from osl_analysis.base.errors import quoted
 from osl_analysis.base.files import own_yaml
 from osl_analysis.base.measured import cycle_duration, spoiled, varies
-from osl_analysis.base.trial import COLUMNS
+from osl_analysis.base.trial import COLUMNS, Array
 from osl_analysis.draft.recorded_channel import RecordedChannel, name_and_ending
+from osl_analysis.signals.filters import power_density, unfollowed_density
+from osl_analysis.stats.linear_fit import FALSE_ALARM
 
 TABLE = Path(__file__).with_name("likelihoods.yaml")
 LEVELS = ("sync", "trigger")  # columns of volts, whose unit nobody states
@@ -40,6 +42,8 @@ LEAST_PROBABLE = 0.2  # probability from which a channel may be a column
 JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
 LEAST_REPEATED = 0.2  # correlation of a signal with the reading before; noise has none
+# of a channel, over which coherence is judged: of noise 1 % is then taken for coherent
+SEGMENTS = 20
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
 FALLING = -0.5  # correlation below which a torque falls as the angle rises
 COARSE_ROWS = 600  # of a recording; from sample to sample noise passes for speed
@@ -256,7 +260,7 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     evidence = with_context([evidence_of_channel(channel) for channel in channels])
     guesses = [Guess(*each) for each in zip(channels, evidence, wraps, strict=True)]
     for guess in guesses:
-        guess.why_not = why_no_signal(guess)
+        guess.why_not = why_no_signal(guess, channels)
     decide_columns(guesses)
     return guesses
 
@@ -309,9 +313,10 @@ def candidates(guesses: Sequence[Guess], column: str) -> list[Guess]:
     return clear if len(clear) == 1 else [guess for guess in guesses if guess.may_be(column)]
 
 
-def why_no_signal(guess: Guess) -> str:
+def why_no_signal(guess: Guess, channels: Sequence[RecordedChannel]) -> str:
     """Why a channel is no signal, in words; empty if it may be one. Of few readings nothing is
-    said. A held current or torque may be noise, and so may the speed of an actuator that stands."""
+    said. A held current or torque may be noise, and so may the speed of an actuator that stands.
+    What follows another of the `channels` is motion, however fast it changes."""
     known = guess.channel.readings
     if known.size < FEWEST_READINGS:
         return ""
@@ -319,9 +324,22 @@ def why_no_signal(guess: Guess) -> str:
         return "it does not move"
     tells_next = np.corrcoef(known[1:], known[:-1])[0, 1] > LEAST_REPEATED
     is_held = guess.column in HELD_COLUMNS and abs(known.mean()) > HELD_LEVEL * known.std()
-    if not tells_next and not is_held and guess.column != "omega_m" and np.unique(known).size > 2:
-        return "nothing but noise"
-    return ""
+    is_noise = not (tells_next or is_held or guess.column == "omega_m")
+    if not is_noise or np.unique(known).size <= 2:
+        return ""
+    is_followed = any(follows(known, other.readings) for other in channels)
+    return "" if is_followed else "nothing but noise"
+
+
+def follows(readings: Array, others: Array) -> bool:
+    """Whether most of the power of a channel is coherent with another one of the same rows; a
+    channel that is the same tells nothing."""
+    if len(readings) != len(others) or np.array_equal(readings, others) or not varies(others):
+        return False
+    rows = len(readings) // SEGMENTS
+    _, powers = power_density(readings, 1.0, rows)
+    _, left = unfollowed_density(readings, others, 1.0, rows, FALSE_ALARM)
+    return bool(left.sum() < powers.sum() / 2)
 
 
 def correlation(theta: RecordedChannel, torque: RecordedChannel, of_speed: bool = False) -> float:

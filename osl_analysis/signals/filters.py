@@ -155,6 +155,50 @@ def power_density(signals: Array, rate_hz: float, rows: int) -> tuple[Array, Arr
     return frequency, powers.mean(axis=-1)
 
 
+# of segments of Welch's estimate that overlap by half, as many tell as would without overlap: those
+# of a Hann window are correlated by 1/6 (Welch, IEEE Trans. Audio Electroacoust. 15, 1967)
+INDEPENDENT_OF_HALF_OVERLAPPING = 1 / (1 + 2 / 36)
+
+
+def unfollowed_density(
+    signal: Array, follower: Array, rate_hz: float, rows: int, false_alarm: float
+) -> tuple[Array, Array]:
+    """Power density of what a signal (n,) has and another one does not follow linearly.
+
+    Parameters
+    ----------
+    signal, follower
+        Of the same rows (n,).
+    rate_hz
+        [Hz].
+    rows
+        Of a segment.
+    false_alarm
+        Probability that signals which are independent are taken for coherent at a frequency.
+
+    Returns
+    -------
+    frequency : Array (f,)
+        [Hz].
+    density : Array (f,)
+        The signal's density [unit^2/Hz] where both are not certainly coherent, else the part of it
+        that is not. Of k independent segments the coherence gamma^2 of independent signals is
+        above c with the probability (1 - c)^(k - 1) (Carter, Proc. IEEE 75, 1987).
+    """
+    frequency, _, lines = scipy.signal.spectrogram(
+        np.stack([signal, follower]), rate_hz, "hann", rows, rows // 2, mode="complex"
+    )
+    powers = np.mean(np.abs(lines) ** 2, axis=-1)
+    cross = np.mean(lines[0] * lines[1].conj(), axis=-1)
+    segments = max(lines.shape[-1] * INDEPENDENT_OF_HALF_OVERLAPPING, 1.0)
+    both = powers[0] * powers[1]
+    coherence = np.divide(np.abs(cross) ** 2, both, out=np.zeros_like(both), where=both > 0)
+    is_coherent = (1 - coherence) ** (segments - 1) < false_alarm
+    # powers of one-sided lines count twice
+    density = 2 * powers[0] * np.where(is_coherent, 1 - coherence, 1.0)
+    return frequency, density
+
+
 LARGEST_DEVIATION = 0.2  # share of the mean step by which a step may deviate from it
 
 

@@ -184,6 +184,7 @@ def solved(
     names: Sequence[str] = (),
     varies: Sequence[int] = (),
     limit: float = np.inf,
+    noise: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,); also the inverse of
     A. Directions of A that rounding alone fills are left out. Columns with names are refused that
@@ -200,6 +201,8 @@ def solved(
         an angle does not matter.
     limit
         Largest condition number of the columns, each scaled to unit length.
+    noise
+        What has been taken off A (p, p), as the noise of the columns.
 
     Raises
     ------
@@ -212,8 +215,7 @@ def solved(
             f"'{names[int(np.argmin(np.diag(A)))]}' cannot be estimated: its column is zero"
             " throughout, or no more than noise"
         )
-    tiny = np.finfo(float).tiny
-    sizes = np.sqrt(np.maximum(np.diag(A), tiny))
+    sizes = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(A / np.outer(sizes, sizes))
     parts = vectors / sizes[:, None]
     is_known = values > DIRECTION_ROUNDING * values[-1]
@@ -222,24 +224,37 @@ def solved(
     estimates = inverse @ b
     # one step of refinement takes off what rounding of the inverse has added
     estimates = estimates + inverse @ (b - A @ estimates)
-    if not names:
-        return estimates, inverse
-
-    squares = values
-    if len(varies) > 1 and is_known[0]:
-        of_varying = np.linalg.inv(inverse[np.ix_(varies, varies)])
-        lengths = np.sqrt(np.maximum(np.diag(of_varying), tiny))
-        squares = np.linalg.eigvalsh(of_varying / np.outer(lengths, lengths))
-    condition = np.sqrt(squares[-1] / max(squares[0], DIRECTION_ROUNDING * squares[-1]))
-    if condition > limit:
+    if names and scaled_condition(A, varies) > limit:
         worst = sorted(np.argsort(np.abs(vectors[:, 0]))[-2:])
         first, second = (names[k] for k in worst)
+        of_columns = scaled_condition(A + noise, varies)
+        if of_columns <= limit:
+            raise IdentifiabilityError(
+                f"{first} and {second} cannot be told apart behind noise of the angle, which is as"
+                " large as what tells them apart",
+                "move the joint by more or faster, and check the unit of theta in the source file",
+            )
         raise IdentifiabilityError(
             f"{first} and {second} cannot be told apart in these data (scaled condition number"
-            f" {condition:.3g})",
+            f" {of_columns:.3g})",
             "excite more frequencies, lengthen the window or fix one of them",
         )
     return estimates, inverse
+
+
+def scaled_condition(A: Array, varies: Sequence[int] = ()) -> float:
+    """Condition number of columns, each scaled to unit length, by their products A (p, p); beside
+    an offset that of the columns that are none, about their means."""
+    tiny = np.finfo(float).tiny
+    sizes = np.sqrt(np.maximum(np.diag(A), tiny))
+    values, vectors = np.linalg.eigh(A / np.outer(sizes, sizes))
+    if len(varies) > 1 and values[0] > DIRECTION_ROUNDING * values[-1]:
+        parts = vectors / sizes[:, None]
+        inverse = parts / values @ parts.T
+        of_varying = np.linalg.inv(inverse[np.ix_(varies, varies)])
+        lengths = np.sqrt(np.maximum(np.diag(of_varying), tiny))
+        values = np.linalg.eigvalsh(of_varying / np.outer(lengths, lengths))
+    return float(np.sqrt(values[-1] / max(values[0], DIRECTION_ROUNDING * values[-1])))
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 from any_motion import made_trial, noise
-from conftest import findings_on
+from conftest import findings_on, joint_trial
 from scipy.interpolate import CubicSpline
 from shipped import CONFIG
 
@@ -83,3 +83,42 @@ def test_what_a_beat_leaves_open_of_a_delay_is_in_the_interval_of_damping():
     (held,) = budget.filter(source="held_delay")["standard"]
     assert 0 < part.beat_width < 0.05e-3
     assert held == pytest.approx(300 * part.beat_width / np.sqrt(12), rel=0.1)
+
+
+# ---- motion that shakes faster than the filter, which the torque follows
+
+
+def shaken(size_rad, follows=True):
+    """A trial whose angle shakes by 30 to 90 Hz with an RMS of `size_rad` while it moves; its
+    torque follows, or the shaking is noise of the encoder alone."""
+    time, (theta, omega, alpha) = noise(np.random.default_rng(1), rate=500.0)
+    hz = np.arange(30.0, 90.0, 0.1)
+    phase = np.random.default_rng(2).uniform(0, 2 * np.pi, hz.size)
+    turn = np.exp(1j * (2 * np.pi * np.outer(hz, time) + phase[:, None]))
+    size = size_rad * np.sqrt(2 / hz.size)
+    shake, shake_omega, shake_alpha = (
+        size * ((2j * np.pi * hz) ** order @ turn).imag for order in range(3)
+    )
+    motion = (theta + shake, omega + shake_omega, alpha + shake_alpha)
+    torque = 20 * theta + 0.3 * omega + 0.05 * alpha
+    if follows:
+        torque = 20 * motion[0] + 0.3 * motion[1] + 0.05 * motion[2]
+    rng = np.random.default_rng(3)
+    torque = torque + 0.02 * rng.standard_normal(time.size)
+    return joint_trial(time, motion[0], torque)
+
+
+@pytest.mark.parametrize("size_mrad", [0.5, 1.0, 2.0, 6.0])
+def test_shaking_that_the_torque_follows_is_motion_and_not_noise(size_mrad):
+    fit = rendered_impedance(record_of(shaken(1e-3 * size_mrad))).whole
+
+    for name, true in (("K", 20), ("B", 0.3), ("I", 0.05)):
+        assert fit[name] == pytest.approx(true, rel=2e-3), name
+
+
+def test_shaking_that_the_torque_does_not_follow_is_noise_of_the_encoder():
+    """Its power lengthens the columns, and is taken off."""
+    noise_power = record_of(shaken(1e-3, follows=False)).angle_noise[1].sum()
+
+    # as white noise of the density of the shaking, up to half of the rate
+    assert noise_power == pytest.approx(1e-6 * 250 / 60, rel=0.1)

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+import scipy
 from conftest import refused_with
 
 from osl_analysis.model.multisine import odd_lines, odd_multisine
@@ -13,6 +14,7 @@ from osl_analysis.signals.filters import (
     runs,
     sampling_rate,
     seven_point_motion,
+    unfollowed_density,
 )
 
 BAND = (0.5, 6.0)  # [Hz]
@@ -137,3 +139,21 @@ def test_a_multisine_of_too_few_lines_is_refused():
     with refused_with("2 odd lines"):
         odd_lines(1.0, (1.0, 4.0))
     assert odd_lines(1.0, (1.0, 5.0)).tolist() == [1, 3, 5]
+
+
+def test_what_another_signal_follows_is_taken_off_a_density_by_the_coherence():
+    """SciPy's own coherence of a signal with a delayed copy in noise; of independent ones all is
+    left."""
+    random = np.random.default_rng(4)
+    signal, noise = random.standard_normal((2, 40_000))
+    follower = np.roll(signal, 3) + 0.5 * noise
+    options = {"fs": 100.0, "nperseg": 200, "noverlap": 100, "detrend": "constant"}
+    of_scipy = scipy.signal.welch(signal, **options)[1]
+    coherence = scipy.signal.coherence(signal, follower, **options)[1]
+
+    _, left = unfollowed_density(signal, follower, 100.0, 200, 1e-3)
+    _, all_of_it = unfollowed_density(signal, noise, 100.0, 200, 1e-9)
+
+    inside = slice(1, -1)  # a constant, and half of the rate, have one line
+    assert left[inside] == pytest.approx((of_scipy * (1 - coherence))[inside], rel=1e-6)
+    assert all_of_it[inside] == pytest.approx(of_scipy[inside], rel=1e-6)

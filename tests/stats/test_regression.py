@@ -171,3 +171,16 @@ def test_intervals_over_trials_are_students():
         (2, 2.0, pytest.approx(np.sqrt(2)), "Student"),
         (0, None, None, None),
     ]
+
+
+def test_a_condition_number_is_that_of_the_columns_not_of_what_noise_leaves():
+    """Noise that is taken off leaves next to nothing of two columns that are far from alike."""
+    columns = np.array([[1.0, 0.2], [0.2, 1.0]])
+    noise = np.diag([0.0, 0.96 - 1e-9])
+    limit = regression.CONDITION_LIMIT
+    equations = (columns - noise, np.ones(2), ("K", "I"), (0, 1), limit)
+
+    with pytest.raises(IdentifiabilityError, match="behind noise of the angle"):
+        regression.solved(*equations, noise)
+    with pytest.raises(IdentifiabilityError, match="condition number"):
+        regression.solved(*equations)

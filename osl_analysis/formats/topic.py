@@ -90,6 +90,8 @@ class Topic:
         self.spans: defaultdict[str, defaultdict[str, list[int]]] = defaultdict(
             lambda: defaultdict(list)
         )
+        # encoding, and encoding, name and text of the schema, of each channel of the recorder
+        self.types: set[tuple[str, str, str, bytes]] = set()
         self.layouts: dict[int, Layout] = {}  # the last one, by length of the messages
         self.parts: list[pl.DataFrame] = []  # with a column of each path
         self.decode: Callable[[Bytes], Iterator[Decoded]] | None = None
@@ -198,10 +200,16 @@ class Topic:
 
     def check_one_publisher(self) -> None:
         """Refuse numbers that several publishers write at one time: they would be mixed, sample by
-        sample. Messages of another type than the first are lost.
+        sample. Refuse messages of two types: those of the second would be decoded as of the first,
+        and give wrong numbers where both are equally long.
 
         Publishers of different joints may share a topic, where each joint is asked by its name.
         """
+        if len(self.types) > 1:
+            raise InputError(
+                f"topic '{self.name}' has messages of {len(self.types)} types",
+                "record each type under a topic of its own",
+            )
         for path, spans in self.spans.items():
             in_order = sorted((min(times_ns), max(times_ns)) for times_ns in spans.values())
             are_mixed = any(later[0] <= earlier[1] for earlier, later in pairwise(in_order))

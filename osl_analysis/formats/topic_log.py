@@ -45,6 +45,7 @@ class TopicLog:
         if topic not in self.topics:
             fields = None if self.wanted is None else self.wanted.get(topic, {})
             self.topics[topic] = Topic(topic, encoding, schema, fields)
+        self.topics[topic].types.add((encoding, schema.encoding, schema.name, schema.data))
         self.topic_of[number] = self.topics[topic]
 
     def add_messages(
@@ -71,7 +72,7 @@ class TopicLog:
         Raises
         ------
         InputError
-            Two publishers wrote into a topic that the source file names.
+            Two publishers wrote into a topic that the source file names, or messages of two types.
         """
         counts = self.read
         read = counts.total()

@@ -183,6 +183,18 @@ def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
     assert "config.yaml: line 2: " in damaged.output
 
 
+@pytest.mark.parametrize("named", [["--configfile", "b.yaml"], ["--configfiles=b.yaml"]])
+def test_a_named_configuration_overrides_that_of_the_campaign(tmp_path, monkeypatch, named):
+    """Of several the last one holds."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "config.yaml").write_text("campaign: mine\n")
+    (tmp_path / "b.yaml").write_text("results: results_b\n")
+
+    given = snakemake_arguments(["a.csv", *named, "-n"])
+
+    assert given[:5] == ["a.csv", "-n", "--configfile", "config.yaml", "b.yaml"]
+
+
 def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert shipped("Snakefile") == ROOT / "Snakefile"

@@ -235,6 +235,16 @@ def test_two_channels_of_one_topic_that_write_at_once_are_refused(tmp_path, offs
         read(tmp_path, both)
 
 
+def test_a_topic_of_two_types_is_refused(tmp_path):
+    """Both messages have 8 bytes: the whole numbers would be read as floats, without a word."""
+    whole = raw(records.Schema(id=2, name="lab_msgs/msg/W", encoding="ros2msg", data=b"int64 a"))
+    second = records.Channel(id=2, topic="/lab", message_encoding="cdr", metadata={}, schema_id=2)
+    later = [message(2, i * MILLISECOND, b"\0\1\0\0" + struct.pack("<q", i)) for i in range(10, 20)]
+
+    with refused_with("topic '/lab' has messages of 2 types; .*a topic of its own"):
+        read(tmp_path, log(DECLARED + whole + raw(second), chunk(TEN), chunk(b"".join(later))))
+
+
 # --- numbers of messages ------------------------------------------------------------------------
 
 

@@ -291,6 +291,12 @@ def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, ca
     assert capfd.readouterr().err == ""
 
 
+def test_columns_of_no_numbers_are_told(tmp_path):
+    pl.DataFrame({"t": [0.0, 1.0], "pairs": [[1], [2]]}).write_parquet(tmp_path / "a.parquet")
+
+    assert "pairs" in " ".join(inspect_file(tmp_path / "a.parquet").remarks)
+
+
 @pytest.mark.parametrize("lost", [[], [500], [3, 700, 701]])
 def test_a_count_of_rows_is_no_clock_also_where_rows_were_lost(lost):
     """Taken for ms, rows of 500 Hz gave half of B, and nothing was doubted."""

@@ -237,6 +237,80 @@ def test_a_last_segment_that_is_cut_off_is_remarked(tmp_path, lost):
     assert "did not finish" in " ".join(loss.remarks)
 
 
+def bench_log(path, segments=1):
+    """A log of angle and torque with the same timing."""
+    angle = ("Angle", ANGLE, TIMING | {"unit_string": "deg"})
+    return write_tdms(path, [angle, ("Torque", TORQUE, TIMING)], segments)
+
+
+@pytest.mark.parametrize(("step_s", "late_s"), [(5e-3, 0.0), (1e-3, 0.02)])
+def test_channels_of_other_timing_have_their_own_times(tmp_path, step_s, late_s):
+    angle = ("Angle", ANGLE, TIMING | {"unit_string": "deg"})
+    other = TIMING | {"wf_increment": step_s, "wf_start_offset": late_s}
+    path = write_tdms(tmp_path / "a.tdms", [angle, ("Torque", TORQUE, other)])
+
+    time = read_tdms(path).samples.drop_nulls("torque")["time"]
+
+    np.testing.assert_allclose(time, late_s + step_s * np.arange(SAMPLES), atol=2e-9)
+
+
+@pytest.mark.parametrize(
+    ("channels", "reason"),
+    [
+        ({"Angle": ANGLE, "Torque": np.empty(0)}, "'Torque'.* Bench/Angle"),
+        (
+            {"Angle": ANGLE, "Torque": TORQUE, "B/Torque": TORQUE},
+            "'Torque'.* Bench/Torque, Bench/B/Torque",
+        ),
+        ({"Angle": ANGLE, "Torqe": TORQUE}, "'Torque'.*'Torqe'"),
+    ],
+)
+def test_a_channel_that_is_empty_ambiguous_or_mistyped_is_refused(tmp_path, channels, reason):
+    units = {"Angle": {"unit_string": "deg"}}
+    signals = [(name, values, TIMING | units.get(name, {})) for name, values in channels.items()]
+
+    assert re.search(reason, refused_tdms(write_tdms(tmp_path / "a.tdms", signals)))
+
+
+def test_an_angle_in_a_unit_of_length_is_refused_with_what_the_unit_is(tmp_path):
+    furlongs = ("Angle", ANGLE, TIMING | {"unit_string": "furlongs"})
+    path = write_tdms(tmp_path / "a.tdms", [furlongs, ("Torque", TORQUE, TIMING)])
+
+    assert "201.168 m" in refused_tdms(path)
+
+
+def test_numbers_of_the_other_byte_order_are_read(tmp_path):
+    """A file put together by LabVIEW's description of the format: a segment of one channel, whose
+    numbers are doubles, most significant byte first."""
+    path = tmp_path / "a.tdms"
+    double = 10
+    is_big_endian = 0b1001110
+    about = struct.pack(">2I16s3IQI", 1, 16, b"/'Bench'/'Angle'", 20, double, 1, SAMPLES, 0)
+    lengths = struct.pack(">IQQ", 4713, len(about) + 8 * SAMPLES, len(about))
+    head = b"TDSm" + struct.pack("<I", is_big_endian) + lengths
+    path.write_bytes(head + about + ANGLE.astype(">f8").tobytes())
+
+    angle = {"theta": {"channel": "Angle", "unit": "deg"}}
+    samples = read_tdms(path, time={"rate": 400}, channels=angle).samples
+
+    np.testing.assert_array_equal(samples["theta"], np.radians(ANGLE))
+
+
+def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning(tmp_path):
+    path = bench_log(tmp_path / "a.tdms", segments=4)
+    whole = path.read_bytes()
+
+    # each segment has 25 numbers of the angle, then 25 of the torque, of 8 bytes
+    path.write_bytes(whole[:-100])
+    recording = read_tdms(path)
+    assert len(recording.samples) == 75 + 100 // 8
+    assert recording.warnings
+    assert recording.losses["lost"] is None
+
+    path.write_bytes(whole[: whole.rindex(b"TDSm") + 20])  # within its head
+    assert read_tdms(path).warnings
+
+
 @pytest.mark.recordings
 def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say(recordings):
     """Rows of seven 16-bit integers stand before its last segment; they are decoded here by

@@ -13,6 +13,7 @@ from osl_analysis.base.trial import Trial, read_trial, write_trial
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.signals.grid import USUAL_FILTER, uniform_signals, with_clocks
+from osl_analysis.signals.samples import SensorLowPass
 
 K = 300.0
 B = 5.0
@@ -64,24 +65,24 @@ def torque(time):
     return K * theta + B * omega + I * alpha + OFFSET
 
 
-def trial_of(theta, measured, torque_stamps=TIMES, torque_facts=None):
+def trial_of(theta, measured, torque_stamps=TIMES, torque_facts=None, stamps="auto"):
     """A trial of columns with their own stamps [s]; those of the angle are the times.
 
-    `torque_facts` are what the source file states.
+    `torque_facts` are what the source file states of the torque, `stamps` how they are read.
     """
     of_angle = pl.DataFrame({"time": TIMES, "theta": theta})
     of_torque = pl.DataFrame({"time": torque_stamps, "torque": measured})
     samples = of_angle.join(of_torque, on="time", how="full", coalesce=True).sort("time")
     provenance = {
         "columns": {"theta": {"file": "log"}, "torque": {"file": "log", **(torque_facts or {})}},
-        "log": {"time": {"stamps": "auto"}},
+        "log": {"time": {"stamps": stamps}},
     }
     return Trial("made", samples, provenance)
 
 
-def fitted(trial):
+def fitted(trial, **settings):
     """The row of the trial's fit over all amplitudes."""
-    record = record_of_trial(trial, DynamometerAnalysis(**SETTINGS))
+    record = record_of_trial(trial, DynamometerAnalysis(**SETTINGS, **settings))
     return table_of(record).row(-1, named=True)
 
 
@@ -112,7 +113,33 @@ def test_a_load_cell_s_filter_takes_a_share_of_I_until_it_is_stated():
     assert_right(fitted(stated))
 
 
+def test_a_sensor_s_low_pass_starts_in_its_steady_state():
+    assert SensorLowPass(100.0, 1)(np.full(9, 3.0), 1000.0) == pytest.approx(3.0)
+
+
+@least_squares_alone
+@pytest.mark.parametrize("stamps", ["even", "exact"])
+def test_a_delay_takes_a_share_of_B_until_it_is_stated(stamps):
+    """To first order a torque that is late by d has B - K d: 5 - 300 x 2e-3, 12 % less."""
+    late = torque(TIMES - 2e-3)
+    unstated = trial_of(angle(TIMES), late, stamps=stamps)
+    stated = trial_of(angle(TIMES), late, torque_facts={"delay": 2e-3}, stamps=stamps)
+
+    assert errors_percent(fitted(unstated))[1] == pytest.approx(-12, abs=1)
+    assert_right(fitted(stated))
+
+
 # ---- The bench's frame
+
+
+@least_squares_alone
+def test_a_frame_that_yields_takes_shares_of_K_B_and_I_until_it_is_stated():
+    """The bench's encoder sees the joint's angle and the frame's, wound up by the torque: K and
+    3000 N*m/rad are springs in series, K / (1 + K / 3000) to first order, 9 % less."""
+    yielding = trial_of(angle(TIMES) + torque(TIMES) / 3000.0, torque(TIMES))
+
+    assert errors_percent(fitted(yielding)).round().tolist() == [-9, -17, -49]
+    assert_right(fitted(yielding, bench_stiffness={"value": "3000 N*m/rad"}))
 
 
 @pytest.mark.parametrize("text", ["218", "-3 N*m/rad", "3 N*m"])

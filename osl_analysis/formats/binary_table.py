@@ -58,6 +58,8 @@ class Variable:
         Its class in MATLAB, or its type.
     numbers
         Real numbers of its shape; None for anything else.
+    label
+        The name of its signal, where a text beside it states it.
     """
 
     group: str
@@ -65,6 +67,7 @@ class Variable:
     kind: str
     numbers: NDArray[Any] | None = None
     unit: str = ""
+    label: str = ""
 
 
 def kind_of(begin: bytes) -> str:
@@ -221,8 +224,11 @@ def recording_of_variables(
             others.append(variable.address)
         own_name = variable.address.removeprefix(variable.group).removeprefix(".")
         for place, values in lines.items():
-            title = place or own_name
+            title = variable.label or place or own_name
             name, unit = name_and_unit(title)
+            if variable.label:
+                name += place
+                title += place
             rows = Rows(values.size, variable.group, noun=noun)
             channels.append(
                 Channel(

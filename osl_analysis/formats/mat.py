@@ -36,6 +36,13 @@ from osl_analysis.formats.reading import beginning
 HEADER_BYTES = 128  # of a file of version 5; at its end are the version and the byte order
 OF_HDF5 = 2  # version
 COMPRESSED = 15  # kind of a variable of version 5
+NAME_FIELDS = ("name", "label", "title", "signalname", "blockname")
+DATA_FIELDS = ("data", "values", "value", "samples")
+"""Fields, in any case, of a struct that holds one signal: its name, of which the first that is not
+empty counts, and its numbers. ControlDesk writes Y(k).Name and Y(k).Data, Simulink
+signals(k).label, signals(k).blockName and signals(k).values."""
+UNIT_FIELDS = ("unit", "units")
+PORT = re.compile(r"(in|out)\d*", re.IGNORECASE)  # of a block, which ends the path of a signal
 COLUMN = re.compile(r"\((\d+,:|:,\d+)\)$")  # or a row, of a matrix
 
 
@@ -142,8 +149,18 @@ def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator
     if array.dtype.names is not None:
         for number, element in enumerate(elements, start=1):
             inside = address if elements.size == 1 else f"{address}({number})"
+            label = _signal_name(element, name)
             for field in array.dtype.names:
-                yield from _variables_in(element[field], inside, field)
+                if label and field.casefold() in (*NAME_FIELDS, *UNIT_FIELDS):
+                    continue
+                variables = _variables_in(element[field], inside, field)
+                if label and field.casefold() in DATA_FIELDS:
+                    unit = _first_text(element, UNIT_FIELDS)
+                    variables = (
+                        replace(variable, group=group, label=label, unit=unit or variable.unit)
+                        for variable in variables
+                    )
+                yield from variables
     elif kind == "O":
         for number, element in enumerate(elements, start=1):
             if element is not None:  # as in a struct without fields
@@ -153,6 +170,35 @@ def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator
         yield variable_of(address, ns * 1e-9, "s", group)
     else:
         yield variable_of(address, array, unit, group)
+
+
+def _signal_name(element: np.void, name: str) -> str:
+    """The name of the signal that a struct holds; empty where it holds anything else.
+
+    Parameters
+    ----------
+    element
+        The struct.
+    name
+        Its own name, which stands for a signal whose name is empty, as that of time.
+    """
+    fields = {field.casefold() for field in element.dtype.names or ()}
+    if fields.isdisjoint(NAME_FIELDS) or fields.isdisjoint(DATA_FIELDS):
+        return ""
+    path = _first_text(element, NAME_FIELDS) or name
+    steps = re.split(r"/(?![^\[(]*[\])])", path)  # a slash in brackets is one of a unit
+    blocks = [step for step in steps if step and not PORT.fullmatch(step)]
+    return blocks[-1] if blocks else path
+
+
+def _first_text(element: np.void, keys: Sequence[str]) -> str:
+    """The first text that is not empty in some fields of a struct, in their order."""
+    fields = {field.casefold(): field for field in element.dtype.names or ()}
+    for key in keys:
+        content = np.ravel(element[fields[key]]) if key in fields else np.empty(0)
+        if content.size == 1 and isinstance(content[0], str) and content[0].strip():
+            return str(content[0]).strip()
+    return ""
 
 
 def _find(

@@ -93,6 +93,61 @@ def test_an_address_that_leads_nowhere_says_what_is_there(write, address, said, 
 # --- what programs write ------------------------------------------------------------------------
 
 
+def structs(*elements):
+    """An array of structs, (1, elements)."""
+    names = [(name, object) for name in elements[0]]
+    return np.array([[tuple(element.values()) for element in elements]], dtype=names)
+
+
+CONTROL_DESK = {
+    "rec1": {
+        "X": {"Name": "", "Type": "Continuous", "Data": RISING, "Unit": "s"},
+        "Y": structs(
+            {"Name": "Model Root/IO/angle[deg]/Out1", "Data": -RISING, "Unit": "", "XIndex": 1},
+            {"Name": "Model Root/IO/torque/Out1", "Data": RISING**2, "Unit": "Nm", "XIndex": 1},
+        ),
+    }
+}
+SIMULINK = {
+    "out": {
+        "time": RISING,
+        "signals": structs(
+            {"values": -RISING, "dimensions": 1, "label": "angle[deg]", "blockName": "m/Scope"},
+            {"values": RISING**2, "dimensions": 1, "label": "", "blockName": "m/torque"},
+        ),
+        "blockName": "m/Scope",
+    }
+}
+
+
+@both_versions
+@pytest.mark.parametrize(
+    ("content", "time", "units"),
+    [(CONTROL_DESK, "rec1.X.Data", ("s", "Nm")), (SIMULINK, "out.time", ("", ""))],
+    ids=["ControlDesk", "Simulink"],
+)
+def test_signals_in_an_array_of_structs_have_the_names_and_units_beside_them(
+    write, content, time, units, tmp_path
+):
+    recording = formats.read(write(tmp_path / "a.mat", **content))
+
+    clock, angle, torque = (at(recording, name) for name in (time, "angle", "torque"))
+    np.testing.assert_array_equal(clock.read(), RISING)
+    np.testing.assert_array_equal(angle.read(), -RISING)
+    np.testing.assert_array_equal(torque.read(), RISING**2)
+    assert (clock.unit, angle.unit, torque.unit) == (units[0], "deg", units[1])
+    assert clock.rows.name == angle.rows.name == torque.rows.name
+
+
+@both_versions
+def test_trials_in_an_array_of_structs_keep_the_names_of_their_fields(write, tmp_path):
+    """A text beside numbers that are called for what they are is the trial's."""
+    listed = formats.read(trials(write, tmp_path / "a.mat")).channels
+
+    names = {channel.key: channel.name for channel in listed}
+    assert names["runs(1).torque"] == names["runs(2).torque"] == "torque"
+
+
 def written_by_matio(path, version):
     """Tables, timetables and other objects, as MATLAB stores them. mat-io writes the times of a
     timetable and no units: a rate, a step, units and what a time has below the ms are put in by

@@ -18,6 +18,7 @@ from osl_analysis.inference.candidate_models import (
     behind_spring,
     low_passed,
 )
+from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.inference.spectra import WorkingSpectra, noise_and_band, slipping_springs
 from osl_analysis.inference.weighing import BlockFit, Predicted, largest_shifts, predict, weigh
 from osl_analysis.inference.whitening import Whitened
@@ -118,20 +119,69 @@ def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
 def test_the_odds_of_models_are_the_ratio_of_their_likelihoods(squares, freedom, probability):
     """Of noise of variance 1, exp(-squares/2); whether there is friction is not known before."""
     models = [EQ_15, EQ_15, *CANDIDATE_MODELS[4:6]]
-    fits = [
-        SimpleNamespace(
-            model=models[k],
-            has_friction=k == 1,
-            squares=np.full(24, left / 24),
-            rounding_left=0.0,
-            friction_torque=0.0,
-            impedances=np.ones((1, 3)),
-            errors=np.full(3, 1e-3),
-        )
-        for k, left in enumerate(squares)
-    ]
+    fits = [with_squares(models[k], left, has_friction=k == 1) for k, left in enumerate(squares)]
 
     assert weigh(fits, freedom)[0][-1][1] == pytest.approx(probability)
+
+
+def with_squares(model, left, has_friction=False, rounding_left=0.0):
+    """A fit that leaves this sum of squares in units of noise, evenly over its blocks."""
+    return SimpleNamespace(
+        model=model,
+        has_friction=has_friction,
+        squares=np.full(24, left / 24),
+        rounding_left=rounding_left,
+        friction_torque=0.0,
+        impedances=np.ones((1, 3)),
+        errors=np.full(3, 1e-3),
+    )
+
+
+def test_friction_that_takes_up_rounding_alone_is_as_likely_as_none():
+    """Of 30 that Eq. 15 leaves 6 are of rounding, which friction follows."""
+    fits = [
+        with_squares(EQ_15, 30.0, rounding_left=6.0),
+        with_squares(EQ_15, 24.0, has_friction=True),
+    ]
+
+    weighed, _ = weigh(fits, 24)
+
+    assert weighed[1][1] == pytest.approx(0.5)
+
+
+def test_a_mechanism_may_miss_a_fifth_of_the_torque_that_it_explains():
+    """It then leaves a square of that, 4 % of what it explains. Its odds rise by exp(gain) where
+    the variance is that of noise, and by exp(gain / (1 + 0.04 * 2 gain)) where this is in it."""
+    freedom = 2000.0
+
+    def log_odds(explained):
+        """Of a fault against Eq. 15, which leaves so much more."""
+        fits = [
+            with_squares(EQ_15, freedom + explained),
+            with_squares(EQ_15, 10 * freedom, has_friction=True),
+            with_squares(CANDIDATE_MODELS[4], freedom),
+        ]
+        (_, sound), _, (_, fault) = weigh(fits, freedom)[0]
+        return np.log(fault / sound)
+
+    gains = [log_odds(explained) - log_odds(0.0) for explained in (5.0, 50.0)]
+
+    assert gains == pytest.approx([2.5 / (1 + 0.04 * 5), 25 / (1 + 0.04 * 50)], rel=1e-6)
+
+
+@pytest.mark.parametrize("noise_steps", [0.0, 0.15, 0.3])
+def test_noise_before_an_encoder_leaves_of_rounding_what_averages_leave(noise_steps):
+    """Of 4000 readings at each of 50 places within a step the mean still errs, by a sine of the
+    place; without noise it errs by a sawtooth, whose sine is 1/pi."""
+    places = (np.arange(50) + 0.5) / 50
+    readings = np.rint(places + noise_steps * white_noise((4000, 50), 5)) - places
+    sine = 2 * np.mean(readings.mean(axis=0) * np.sin(2 * np.pi * places))
+    step, rate_hz = 1e-3, 500.0
+    noise_density = np.var(readings) * step**2 * 2 / rate_hz
+
+    share = repeated_share(noise_density, rate_hz, step)
+
+    assert share == pytest.approx(abs(sine) * np.pi, abs=0.03)
 
 
 def test_candidates_are_sought_from_the_smallest_to_the_largest_of_benches():

@@ -86,6 +86,20 @@ def test_trials_that_do_not_know_their_K_contradict_none():
     assert told([*campaign(np.random.default_rng(1), 1, 0.0), wide]) == []
 
 
+def test_a_well_known_repeat_is_not_accused_by_two_that_are_not():
+    """90 +- 9 twice: what is 9 away from their median is within the error of that median."""
+    rows = [
+        trial("1", 90.0, 90.0, half=0.1),
+        trial("2", 90.0, 90.2, half=0.1),
+        trial("well_known", 90.0, 99.0, half=0.001),
+    ]
+
+    assert told(rows) == []
+    for row in rows[:2]:
+        row |= {"K_low": 0.99 * row["K"], "K_high": 1.01 * row["K"]}
+    assert told(rows) == [("unlike_other_trials", "well_known")]
+
+
 def test_a_doubtful_estimate_beside_a_clear_one_that_differs_is_told():
     def pair(K, doubtful):
         late = trial("late", 90.0, K, **{f"{doubtful}_verdict": "late torque"})

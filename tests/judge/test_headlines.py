@@ -200,3 +200,17 @@ def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
         ("b", "quality"),
         ("a", "impedance"),
     ]
+
+
+def test_a_check_of_a_trial_is_not_hidden_by_a_doubt_at_one_amplitude():
+    impedance = fits(B=[2.0, 2.0], amplitude_deg=[2.0, None], saturated_samples=[9, 9])
+    verdicts = fits(check="saturation", verdict="flag", value=9.0, unit="samples", remark="")
+
+    told = campaign_findings({"impedance": impedance}, verdicts, DoubtfulFits())
+
+    clipped = [finding for finding in told if finding.source == "clipped_signal"]
+    assert [(finding.subject, finding.table, finding.amplitude_deg) for finding in clipped] == [
+        ("a", "quality", None),
+        ("a", "impedance", 2.0),
+        ("b", "impedance", None),
+    ]

@@ -32,7 +32,7 @@ from stamp_recorders import (
 
 from osl_analysis.base.trial import check_time
 from osl_analysis.signals.device_clock import DeviceClock, held_values
-from osl_analysis.signals.grid import USUAL_FILTER, on_one_grid
+from osl_analysis.signals.grid import USUAL_FILTER, fixture_torque, on_one_grid
 from osl_analysis.signals.sample_count import count_from_stamps
 from osl_analysis.signals.samples import Stream, take
 from osl_analysis.signals.stamp_evidence import Reading
@@ -497,9 +497,6 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
     assert_recovers_the_joint(grid)
 
 
-# ---- The cache of a trial
-
-
 def test_latency_of_a_part_of_a_step_is_taken_off_where_it_is_constant():
     """Messages wait 0.05 steps on average, and some hardly: samples are as early as these."""
     count = np.arange(2000)
@@ -508,3 +505,19 @@ def test_latency_of_a_part_of_a_step_is_taken_off_where_it_is_constant():
     times = DeviceClock(stamps, count).times()
 
     assert np.abs(times - 0.01 * count).max() < 0.0001
+
+
+@pytest.mark.parametrize(("frequency_hz", "share", "tolerance"), [
+    (5.0, 1.0, 3e-6), (30.0, 0.5, 1e-3),
+])  # fmt: skip
+def test_the_inertia_of_a_fixture_is_seen_up_to_twice_the_cut_off(frequency_hz, share, tolerance):
+    """A motion at a third of the fit's 15 Hz loses nothing; at 30 Hz noise has a half."""
+    t = clock(1000.0, 10.0)
+    w = 2 * np.pi * frequency_hz
+    theta = 0.01 * np.sin(w * t)
+
+    torque = fixture_torque(t, theta, cutoff_hz=15.0, inertia=0.02, weight=0.0)
+
+    expected = -0.02 * w**2 * share * theta
+    inside = slice(1000, -1000)
+    assert torque[inside] == pytest.approx(expected[inside], abs=tolerance * expected.max())

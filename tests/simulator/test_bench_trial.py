@@ -261,6 +261,28 @@ def test_coulomb_friction_turns_with_the_velocity(clean):
     assert friction == pytest.approx(3 * np.sign(omega[moving]), abs=1e-4)
 
 
+def test_an_actuator_s_friction_is_the_stated_multiple_at_rest_and_per_ampere():
+    """Eq. 2: k_tau n_m I_q less friction, viscous torque and inertia; by least squares."""
+    trial = "actuator_1"
+    shipped = read_mapping(ROOT / "config/simulation/default.yaml")
+    changes = {"effects": {"friction": on(1.5, "1")}}
+    chosen = SimulationSettings.model_validate(overriding(shipped, changes))
+    true = bench_trial.parameters_of_trial(trial, "actuator", chosen, P)
+    motion, signals = true_signals({"trial": trial, "experiment": "actuator"}, chosen, true, None)
+    current = signals["motor_current"]
+    instants = np.arange(len(current)) / RATE
+    torque = signals["output_torque"](instants)
+    direction = np.sign(motion.omega)
+    columns = np.column_stack(
+        [current, direction, direction * np.abs(current), motion.omega, motion.alpha]
+    )
+
+    fitted = np.linalg.lstsq(columns, torque)[0]
+
+    expected = [P.k_tau * P.n_m, -1.5 * P.f_C, -1.5 * P.f_G, -P.B_m, -P.J_m]
+    assert fitted == pytest.approx(expected, rel=1e-6)
+
+
 def test_without_a_compiler_one_line_says_what_to_install(monkeypatch, tmp_path, in_root):
     monkeypatch.setitem(sys.modules, "numba", None)
     message = "numba,.*-m pip install numba$"

@@ -227,6 +227,16 @@ def test_the_foot_s_place_scatters_forward_and_sideways_on_its_own(walked):
     assert forward != sideways
 
 
+def test_the_ankle_wanders_by_one_standard_deviation_from_step_to_step(shipped):
+    """Six waves of normal sizes; the mean square of 300 steps is known to 4 %."""
+    steps = [GaitTrial("walking_01", seed, shipped.walking) for seed in range(300)]
+
+    deviations = np.array([step.wandering()[::100] for step in steps])
+
+    assert np.mean(deviations**2) == pytest.approx(1.0, rel=0.15)
+    assert np.mean(deviations, axis=0) == pytest.approx(0.0, abs=0.25)
+
+
 def test_a_weight_of_the_gains_is_used(shipped, tmp_path):
     path = write_trajectory(tmp_path, 300, 5)
     weight = Weight(cutoff_hz=1, order=1)

@@ -37,6 +37,7 @@ from osl_analysis.walking.plate import (
     check_plate,
     check_vertical,
     check_weight,
+    only_stance,
     recorded_corners,
     wrench_reader,
     zeroed_wrench,
@@ -45,6 +46,7 @@ from osl_analysis.walking.plate_inertia import (
     NO_CORRECTION,
     PlateModel,
     Shown,
+    height_of,
     identify_plate_inertia,
     identify_plate_model,
     inertial_columns,
@@ -186,6 +188,22 @@ def test_the_error_of_the_height_is_that_of_a_mean_over_the_recordings():
 
     assert raised.height == pytest.approx(heights.mean(), rel=1e-6)
     assert raised.height_se == pytest.approx(heights.std(ddof=1) / np.sqrt(len(heights)), rel=1e-6)
+
+
+def test_motions_of_one_recording_have_its_noise_together():
+    """Cut in two, it has the same height, of columns whose noise is taken off once."""
+    columns = np.concatenate([inertial_columns(plate_motion(k, 0.15, 0.04)[0]) for k in range(3)])
+    columns = without_mean(columns)
+    wrench = columns @ np.array([MASS, 0, 0, 0, *np.diag(I_COM), 0, 0, 0])
+    wrench[:, 3:] += np.cross([0.0, 0.0, 0.02], wrench[:, :3])
+    whole = Shown(np.tile(columns, (2, 1, 1)), 0.3 * columns, np.tile(wrench, (2, 1)))
+    moves = np.ones(2 * len(columns), dtype=bool)
+    moves[len(columns) - 1] = False
+
+    parts = whole.parts(moves)
+
+    assert len(parts) == 2
+    assert height_of(np.eye(10), parts) == pytest.approx(height_of(np.eye(10), [whole]), rel=1e-6)
 
 
 def test_what_recordings_do_not_show_stays_as_it_is_known():
@@ -346,6 +364,18 @@ def test_the_zero_is_read_before_the_foot_comes(unloaded_s):
 def test_a_plate_that_is_loaded_from_the_start_is_refused():
     with refused_with(r"0\.2 s.*recording's"):
         zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
+
+
+def test_noise_as_the_foot_comes_ends_no_stance_that_it_begins():
+    """A stance begins at 20 N, and ends at half of that."""
+    time = np.arange(1200) / 1000
+    load = 800 * np.minimum(time - 0.1, 1.0 - time)  # [N], 0.8 N in each sample
+    noise = 4.0 * (-1.0) ** np.arange(1200) * (load < 60)
+
+    stance = only_stance(time, load + noise, settings(load_on_n=20))
+
+    assert stance.heel_strike == pytest.approx(0.1 + 20 / 800, abs=6e-3)
+    assert stance.toe_off == pytest.approx(1.0 - 10 / 800, abs=6e-3)
 
 
 RUNS = ("clipped_at", "clipped_from_s", "clipped_to_s", "stands_from_s", "stands_to_s")

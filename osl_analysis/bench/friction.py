@@ -228,7 +228,8 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> DryF
     bounds = np.array([actuator.angles(theta, z, coarse.rate_hz) for z in (hysteresis, 0 * theta)])
     torques = kappa * (theta_m - bounds.mean(axis=0))
     of_hysteresis = kappa * (bounds[0, 0] - bounds[1, 0]) / 2
-    sums = gram_sums(coarse, {**columns, "T_C": torques[0]}, record.angle_noise)
+    with_friction = {**columns, "T_C": torques[0]}
+    sums = gram_sums(coarse, with_friction, record.angle_noise, keep_fast=True)
     fit = least_squares(sums.less("T_C", 1.0), IMPEDANCE)
     by_torque = np.linalg.pinv(X[:, rows].T)
     of_blocks = deviations(torques[:, rows] @ by_torque.T)

@@ -22,7 +22,6 @@ from osl_analysis.bench.regression import (
     Model,
     Sums,
     columns_of,
-    fast_signals,
     fitted_products,
     friction_column,
     gram_sums,
@@ -421,18 +420,22 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     """The sums below and above a frequency, by a zero-phase filter over the whole record, as those
     of the whole band without slow torque and without the noise of the angle."""
     coarse = record.coarse
+    fast = sums.fast
+    if fast is None:
+        raise ValueError("the band is parted of sums that keep their fast signals")
     low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
-    recorded = np.array([*sums.columns.values(), coarse.filtered_torque, coarse.torque])
-    signals = fast_signals(coarse, sums.names, recorded)
-    is_slow = np.isin(sums.names, ["one", "ramp"])
-    slow = scipy.signal.sosfiltfilt(sections_of(low_pass, coarse.rate_hz), signals)
+    # of each part the torque has its own offset and drift
+    moves = ~np.isin(sums.names, ["one", "ramp"])
+    below = scipy.signal.sosfiltfilt(sections_of(low_pass, coarse.rate_hz), fast[moves])
+    above = fast[moves] - below
     noise_hz, power = record.angle_noise
     gain_below = low_pass.gain(noise_hz)
-    for part, gain in ((slow, gain_below), (signals - slow, 1 - gain_below)):
-        part[is_slow] = signals[is_slow]  # of each part the torque has its own offset and drift
+    for moving, gain in ((below, gain_below), (above, 1 - gain_below)):
+        part = fast.copy()
+        part[moves] = moving
         noise = np.array([noise_hz, power * gain**2])
         products, noise_of_row = fitted_products(sums.names, part, coarse, noise)
-        yield replace(sums, weighted=products, noise=noise_of_row)
+        yield replace(sums, weighted=products, noise=noise_of_row, fast=None)
 
 
 def range_over(parts: Sequence[Sums], *reported: LinearFit) -> dict[str, tuple[float, float]]:

@@ -117,7 +117,7 @@ def fit(
     >>> fit = osl.fit(trial, desired=osl.DesiredImpedance("compensated", K_d=300, B_d=5))
     >>> print(f"K {fit.K:.0f} N*m/rad")
     K 300 N*m/rad
-    >>> print(f"K {osl.fit('knee.csv', sign=1).K:.0f} N*m/rad")
+    >>> print(f"K {osl.fit('knee.csv', sign=-1).K:.0f} N*m/rad")
     K 93 N*m/rad
     >>> print(f"K_s {osl.fit(belt_trial, 'belt').K_s:.0f} N*m/rad")
     K_s 686 N*m/rad

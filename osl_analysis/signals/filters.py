@@ -193,9 +193,10 @@ def unfollowed_density(
     segments = max(lines.shape[-1] * INDEPENDENT_OF_HALF_OVERLAPPING, 1.0)
     both = powers[0] * powers[1]
     coherence = np.divide(np.abs(cross) ** 2, both, out=np.zeros_like(both), where=both > 0)
-    is_coherent = (1 - coherence) ** (segments - 1) < false_alarm
+    unfollowed_share = np.clip(1 - coherence, 0.0, 1.0)  # rounding may exceed a coherence of 1
+    is_coherent = unfollowed_share ** (segments - 1) < false_alarm
     # powers of one-sided lines count twice
-    density = 2 * powers[0] * np.where(is_coherent, 1 - coherence, 1.0)
+    density = 2 * powers[0] * np.where(is_coherent, unfollowed_share, 1.0)
     return frequency, density
 
 

@@ -31,6 +31,7 @@ from osl_analysis.bench.regression import (
 from osl_analysis.signals.grid import origin, uniform_signals
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.sources import Source
 
 LEAST_FRICTION = 1e-3  # of the torque's SD; what a sound calibration's friction is negative by
 
@@ -167,7 +168,7 @@ def known_row(
         middle_hz = np.sqrt(record.band_hz[0] * record.band_hz[1])
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
         loss = np.array([lag_of_loss_s, 0.0, 0.0, 0.0])
-        fit = fit.with_known_error("spring_loss", loss)
+        fit = fit.with_known_error(Source.SPRING_LOSS, loss)
 
     low, high = counted.interval("T_C")
     if high < -LEAST_FRICTION * np.std(record.filtered_torque):
@@ -257,7 +258,7 @@ def bench_estimates(fit: LinearFit, known: Known) -> LinearFit:
         }
     )
     of_known = known.share * np.array([0.0, gain, other - taken, 0.0])
-    return found.with_known_error("known_part", of_known)
+    return found.with_known_error(Source.KNOWN_PART, of_known)
 
 
 def error_to_state(fit: LinearFit, name: str) -> float:

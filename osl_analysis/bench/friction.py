@@ -41,6 +41,7 @@ from osl_analysis.inference.actuator import MISSED_OF_FRICTION, deviations
 from osl_analysis.inference.spectra import FRICTION_WINDS, slipping_springs
 from osl_analysis.stats.budget import welch_satterthwaite
 from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.sources import Source
 
 AT_REST = 0.1  # SD of the velocity, below which a joint rests
 # share of the rows at rest, above which it mostly rests: 0.77 to 0.87 under binary steps, of ramps
@@ -109,7 +110,9 @@ def coulomb_fit(s: Sums, analysis: Analysis) -> DryFriction:
         of_sharp = without_friction(sharp, model, friction_beside(sharp, model)).estimates
     except IdentifiabilityError:
         return DryFriction(s, is_untold=True)
-    fit = with_errors_of(analysis, fit.with_known_error("friction_sign", of_sharp - fit.estimates))
+    fit = with_errors_of(
+        analysis, fit.with_known_error(Source.FRICTION_SIGN, of_sharp - fit.estimates)
+    )
     return DryFriction(s, fit, size=fit["T_C"])
 
 
@@ -236,7 +239,7 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> DryF
     of_formula = MISSED_OF_FRICTION * (analysis.whole.estimates - fit.estimates)
     of_bounds = by_torque @ of_hysteresis[rows] / np.sqrt(3)  # a rectangular distribution
     errors = np.vstack([of_blocks, of_formula, of_bounds])
-    fit = fit.with_known_error("friction_shape", np.linalg.norm(errors, axis=0))
+    fit = fit.with_known_error(Source.FRICTION_SHAPE, np.linalg.norm(errors, axis=0))
     return DryFriction(sums, with_errors_of(analysis, fit))
 
 
@@ -269,7 +272,7 @@ def with_other_shapes(fit: LinearFit, joint: ImpedanceInference) -> LinearFit:
     """A joint's fit without friction, with what friction of another shape would change, as the
     inference tells: a rectangular distribution (JCGM 100:2008, 4.3.7)."""
     others = [joint.without_friction.get(name, fit[name]) for name in fit.names]
-    return fit.with_known_error("friction_shape", (others - fit.estimates) / np.sqrt(3))
+    return fit.with_known_error(Source.FRICTION_SHAPE, (others - fit.estimates) / np.sqrt(3))
 
 
 def passes_for_damping(s: Sums, analysis: Analysis) -> bool:

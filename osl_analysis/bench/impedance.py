@@ -32,6 +32,7 @@ from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals.filters import LowPass, sections_of, seven_point_motion
 from osl_analysis.stats.budget import QUANTITIES, Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit, solved
+from osl_analysis.stats.sources import Source
 
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
 SAME_FREQUENCY_RATIO = 1.02  # ratio of frequencies below which noise alone would tell K from I
@@ -217,7 +218,7 @@ def bench_torques(
     of_angle: Array,
     passed: Callable[[Array], Array],
     rows: NDArray[np.bool_ | np.intp],
-) -> list[tuple[str, Array]]:
+) -> list[tuple[Source, Array]]:
     """Errors of the torque (n,) [N*m] by one standard uncertainty of what is stated of the bench,
     or of a delay that a held channel's beat tells, with their sources, in the fitted rows.
 
@@ -238,27 +239,31 @@ def bench_torques(
     motion = record.motion
     hysteresis, delay = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)
     torques = [
-        ("torque_gain", stated.torque * modelled),
-        ("angle_gain", stated.angle_gain * of_angle),
-        ("hysteresis", hysteresis),
-        ("delay", delay),
+        (Source.TORQUE_GAIN, stated.torque * modelled),
+        (Source.ANGLE_GAIN, stated.angle_gain * of_angle),
+        (Source.HYSTERESIS, hysteresis),
+        (Source.DELAY, delay),
     ]
     if record.inferred_delay_error:
         slope = np.gradient(record.filtered_torque, 1 / record.rate_hz)
-        torques.append(("held_delay", record.inferred_delay_error * slope))
+        torques.append((Source.HELD_DELAY, record.inferred_delay_error * slope))
     if fixture is not None:
         sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
         torques += [
-            ("fixture", fixture.inertia_error * motion.alpha),
-            ("fixture", fixture.weight_error * sine),
+            (Source.FIXTURE, fixture.inertia_error * motion.alpha),
+            (Source.FIXTURE, fixture.weight_error * sine),
         ]
     if bench is not None:
         # a frame that yields more turns the joint by so much less
-        torques.append(("bench_stiffness", passed(bench.compliance_error * record.filtered_torque)))
+        torques.append(
+            (Source.BENCH_STIFFNESS, passed(bench.compliance_error * record.filtered_torque))
+        )
     return [(source, error[rows]) for source, error in torques]
 
 
-def with_torque_errors(fit: LinearFit, X: Array, torques: Sequence[tuple[str, Array]]) -> LinearFit:
+def with_torque_errors(
+    fit: LinearFit, X: Array, torques: Sequence[tuple[Source, Array]]
+) -> LinearFit:
     """Add errors of the torque (n,), with their sources, to the fit of columns X (n, p)."""
     for source, error in torques:
         change, _ = solved(X.T @ X, X.T @ error)
@@ -367,7 +372,7 @@ def with_encoder_errors(
         of_steps = is_in_step @ (inverse @ bent).T
         squares = np.sum(np.abs(of_steps) ** 2, axis=0)
         errors = repeated * step / UNIFORM_WIDTH * np.sqrt(squares)
-        found[label] = fit.with_known_error("encoder", errors)
+        found[label] = fit.with_known_error(Source.ENCODER, errors)
     return found
 
 

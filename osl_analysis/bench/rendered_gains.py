@@ -59,6 +59,7 @@ from osl_analysis.model.drivetrain import (
 )
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import LinearFit, variance_accounted_for
+from osl_analysis.stats.sources import Source
 
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
 STEP_ROUNDING = 1e-3  # of the gains' standard errors: after a smaller step they have converged
@@ -336,12 +337,12 @@ def contributions_of_friction(
         share = SHAPE_SHARE / np.sqrt(3) * of_all.se(name)
         found[name] = [
             Contribution(
-                "friction",
+                Source.FRICTION,
                 half,
                 basis="measured",
                 detail="range over amplitudes, frequencies and friction",
             ),
-            Contribution("friction_shape", share, basis="assumed"),
+            Contribution(Source.FRICTION_SHAPE, share, basis="assumed"),
         ]
     return found
 
@@ -361,7 +362,7 @@ def contributions_of_components(
     found = {}
     for name, value in before.items():
         bound = abs(delayed[name] - value) / np.sqrt(3)
-        found[name] = [Contribution("component", bound, basis="bound", detail="loop_delay")]
+        found[name] = [Contribution(Source.COMPONENT, bound, basis="bound", detail="loop_delay")]
     by_torque = np.linalg.pinv(X)  # change of the estimates (p, m)
     for component in COMPONENT_SYMBOLS:
         value = getattr(leg.p, component)
@@ -374,8 +375,8 @@ def contributions_of_components(
             by_all = abs(after[name] - before[name]) / SHARE_ROUNDING
             if component in uncertainties:
                 size = by_all * uncertainties[component] / value
-                row = Contribution("component", size, shared=True, detail=component)
+                row = Contribution(Source.COMPONENT, size, shared=True, detail=component)
             else:
-                row = unknown("component", f"% of {component}", **{name: by_all / 100})[name]
+                row = unknown(Source.COMPONENT, f"% of {component}", **{name: by_all / 100})[name]
             found[name].append(row)
     return found

@@ -310,6 +310,14 @@ def test_a_copy_of_a_log_is_no_second_trial_of_its_experiment(tmp_path):
     check_campaign(opened(tmp_path, rows=belt, **recorded))
 
 
+def test_a_copy_of_a_capture_is_no_second_crossing(tmp_path):
+    for name in ("u0", "u1"):
+        (tmp_path / f"{name}.c3d").write_bytes(b"1 2 3")
+
+    with refused_with("trial 'u1':.*u1.c3d.*u0.c3d,"):
+        check_campaign(opened(tmp_path, simulation=None, raw_data=tmp_path))
+
+
 def test_excluded_trials_have_their_reason_and_some_trial_must_be_left(tmp_path):
     fell = cells(tmp_path, "w", exclude="he fell")
     every = {trial: cells(tmp_path, trial, exclude="he fell")[trial] for trial in "lrpwvx"}

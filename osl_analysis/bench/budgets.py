@@ -223,6 +223,13 @@ def has_clocks_of_several_rates(record: Record) -> bool:
     return bool(np.ptp(of_clocks or [0.0]))
 
 
+def has_stated_fixture(record: Record) -> bool:
+    """Whether configuration or sheet states what turns with the joint, as nothing by a 0."""
+    taken = record.signals.taken if record.signals else ()
+    is_in_sheet = any("fixture" in facts for part in taken for facts in part.stream.stated.values())
+    return record.settings.fixture is not None or is_in_sheet
+
+
 def unchecked(evidence: Evidence, name: str) -> list[Contribution]:
     """What this recording does not tell of an estimate, by source. Only a statement, or a
     measurement by another sensor, takes a source out; what the candidate models infer does not."""
@@ -239,7 +246,7 @@ def unchecked(evidence: Evidence, name: str) -> list[Contribution]:
         rows.append(unknown(Source.WRONG_GAIN, "%", K=0.01 * K, B=0.01 * B, I=0.01 * I))
     if not has_clocks_of_several_rates(record):
         rows.append(unknown(Source.CLOCKS_DISAGREE, "%", B=0.01 * B, I=0.02 * I))
-    if settings.fixture is None:
+    if not has_stated_fixture(record):
         rows.append(unknown(Source.FIXTURE_INERTIA, "N*m", K=1.0))
         rows.append(unknown(Source.FIXTURE_INERTIA, "kg*m^2", I=1.0))
     if evidence.joint is None:

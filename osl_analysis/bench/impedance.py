@@ -34,7 +34,8 @@ from osl_analysis.stats.budget import QUANTITIES, Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit, solved
 from osl_analysis.stats.sources import Source
 
-OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
+# columns in proportion to the angle; a sine is, but for a tenth at 45 deg
+OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m", "sine")
 SAME_FREQUENCY_RATIO = 1.02  # ratio of frequencies below which noise alone would tell K from I
 FEWEST_ENCODER_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
 # of the power of the acceleration's own part that may be noise of the encoder
@@ -248,10 +249,12 @@ def bench_torques(
         slope = np.gradient(record.filtered_torque, 1 / record.rate_hz)
         torques.append((Source.HELD_DELAY, record.inferred_delay_error * slope))
     if fixture is not None:
-        sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
+        from_rest = motion.theta - np.deg2rad(fixture.rest_deg)
+        of_rest = fixture.weight * np.deg2rad(fixture.rest_error_deg)
         torques += [
             (Source.FIXTURE, fixture.inertia_error * motion.alpha),
-            (Source.FIXTURE, fixture.weight_error * sine),
+            (Source.FIXTURE, fixture.weight_error * np.sin(from_rest)),
+            (Source.FIXTURE, of_rest * np.cos(from_rest)),
         ]
     if bench is not None:
         # a frame that yields more turns the joint by so much less

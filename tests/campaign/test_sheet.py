@@ -114,6 +114,12 @@ def test_a_cell_that_its_trial_cannot_have_is_named(tmp_path, experiment, column
         read_sheet(sheet(tmp_path, text))
 
 
+def test_a_weight_of_zero_is_filled_in_beside_the_angle_at_which_it_hangs(tmp_path):
+    text = "trial,experiment,log,log_source,fixture_weight,fixture_rest_deg\na,belt,a,s,0,9\n"
+
+    assert read_sheet(sheet(tmp_path, text))["a"]["fixture_weight"] == 0.0
+
+
 @pytest.mark.parametrize(
     ("rows", "told"),
     [

@@ -43,13 +43,13 @@ def ingested(folder, text, **fields):
     return trial_from_files(ROW, folder, folder)
 
 
-def test_a_fixture_is_in_the_provenance_and_the_torque_as_recorded(
-    tmp_path,
-):
+@pytest.mark.parametrize("weight", [0.5, 0.0])
+def test_a_fixture_is_in_the_provenance_and_the_torque_as_recorded(tmp_path, weight):
+    """One of 0 is a value, too: nothing turns with the joint."""
     bare = ingested(tmp_path, LOG)
-    row = ROW | {"fixture_weight": 0.5, "fixture_rest_deg": None}
+    row = ROW | {"fixture_weight": weight, "fixture_rest_deg": None}
     trial = trial_from_files(row, tmp_path, tmp_path)
-    assert trial.provenance["columns"]["torque"]["fixture"] == {"weight": 0.5}
+    assert trial.provenance["columns"]["torque"]["fixture"] == {"weight": weight}
     assert trial.samples["torque"].equals(bare.samples["torque"])
 
 

@@ -63,6 +63,7 @@ from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
     WrenchReader,
     between,
+    check_place,
     check_type_on_platform,
     recorded_corners,
     recorded_wrench,
@@ -77,7 +78,6 @@ from osl_analysis.walking.poses import (
     StoredArray,
     cross_matrix,
 )
-from osl_analysis.walking.set_up import check_place
 from osl_analysis.walking.walking_settings import PlateModelSettings, PlatformSettings
 
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m

@@ -128,6 +128,30 @@ def differentiate(time: Array, theta: Array) -> Motion:
     Raises
     ------
     InputError
+        As `spline_derivatives`.
+    """
+    omega, alpha = spline_derivatives(time, theta)
+    return Motion(theta, omega, alpha)
+
+
+def spline_derivatives(time: Array, values: Array) -> tuple[Array, Array]:
+    """First and second derivative of a quintic spline through (already filtered) samples.
+
+    Parameters
+    ----------
+    time : Array
+        Rising times (n,) [s].
+    values : Array
+        Of any quantity (n, ...).
+
+    Returns
+    -------
+    tuple of Array and Array
+        (n, ...) [1/s] and [1/s^2] of the quantity.
+
+    Raises
+    ------
+    InputError
         Fewer than six samples, a value that is not finite, or a time that does not rise.
 
     Notes
@@ -136,15 +160,15 @@ def differentiate(time: Array, theta: Array) -> Motion:
     lose 3 %.
     """
     check_finite("time", time)
-    check_finite("the angle", theta)
+    check_finite("the signal", values)
     if len(time) < FEWEST_OF_QUINTIC or not (np.diff(time) > 0).all():
         raise InputError(
             f"{len(time)} samples cannot be differentiated: {FEWEST_OF_QUINTIC} or more are needed,"
             " each later than the one before",
             "take a longer window, or check the time's channel",
         )
-    spline = scipy.interpolate.make_interp_spline(time, theta, k=5)
-    return Motion(theta=theta, omega=spline(time, 1), alpha=spline(time, 2))
+    spline = scipy.interpolate.make_interp_spline(time, values, k=5)
+    return spline(time, 1), spline(time, 2)
 
 
 def power_density(signals: Array, rate_hz: float, rows: int) -> tuple[Array, Array]:

@@ -227,17 +227,19 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> DryF
     theta = coarse.motion.theta
     wound = theta + kappa / stiffness * theta_m
     (hysteresis,) = slipping_springs(wound, FRICTION_WINDS[-1:])
-    # friction and the belt's hysteresis look alike: how much is whose is told within these bounds
-    bounds = np.array([actuator.angles(theta, z, coarse.rate_hz) for z in (hysteresis, 0 * theta)])
-    torques = kappa * (theta_m - bounds.mean(axis=0))
-    of_hysteresis = kappa * (bounds[0, 0] - bounds[1, 0]) / 2
+    # friction and the belt's hysteresis look alike: how much is whose is told between all of the
+    # hysteresis and none. Angles are linear in it, so that half of it makes their mean
+    torques = kappa * (theta_m - actuator.angles(theta, hysteresis / 2, coarse.rate_hz))
+    by_all_blocks = replace(actuator, coefficients=actuator.coefficients[:1])
+    (half_range,) = by_all_blocks.angles(0 * theta, hysteresis / 2, coarse.rate_hz)
+    hysteresis_torque = kappa * half_range
     with_friction = {**columns, "T_C": torques[0]}
     sums = gram_sums(coarse, with_friction, record.angle_noise, keep_fast=True)
     fit = least_squares(sums.less("T_C", 1.0), IMPEDANCE)
     by_torque = np.linalg.pinv(X[:, rows].T)
     of_blocks = deviations(torques[:, rows] @ by_torque.T)
     of_formula = MISSED_OF_FRICTION * (analysis.whole.estimates - fit.estimates)
-    of_bounds = by_torque @ of_hysteresis[rows] / np.sqrt(3)  # a rectangular distribution
+    of_bounds = by_torque @ hysteresis_torque[rows] / np.sqrt(3)  # a rectangular distribution
     errors = np.vstack([of_blocks, of_formula, of_bounds])
     fit = fit.with_known_error(Source.FRICTION_SHAPE, np.linalg.norm(errors, axis=0))
     return DryFriction(sums, with_errors_of(analysis, fit))

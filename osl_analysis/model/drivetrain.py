@@ -121,10 +121,6 @@ def wrong_in(name: str, quantity: Quantity) -> str:
     return f"parameter {name} = {quantity.value} {unit} must be {zero}positive, 1e-09 to 1e+09"
 
 
-# a parameter file as rules pass it on: an input without files is an empty list
-FileOrNone = Annotated[Path | None, BeforeValidator(lambda value: value or None)]
-
-
 def joint_of(path: Path) -> str:
     """The joint of the device of a parameter file. Raises as `read_parameters`."""
     return read_yaml(path, ParameterFile).joint

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of a simulated campaign, where the configuration names a `simulation`."""
 
-from osl_analysis.campaign.configuration import SharedChoices
 from osl_analysis.commands.simulate import simulate_planned_trial, write_sheet
 
 SIMULATED_FILES = []
@@ -20,14 +19,7 @@ if CONFIG.simulation:
         params:
             made_by=MADE_BY,
         run:
-            job(
-                write_sheet,
-                output,
-                log,
-                inputs=dict(settings_path=input.settings_path),
-                arguments=dict(sheet=Path(output.sheet)),
-                simulates=True,
-            )
+            job(write_sheet, input, output, params, log)
 
     rule simulate_dynamometer:
         """The log of a trial on the dynamometer, and the truth beside it."""
@@ -44,21 +36,11 @@ if CONFIG.simulation:
         priority: 1
         params:
             campaign_folder=lambda wildcards: str(CONFIG.raw_data),
+            trial="{trial}",
             followed=lambda wildcards: as_json(CONFIG.shared(experiment(wildcards).follows)),
             made_by=MADE_BY,
         run:
-            job(
-                simulate_planned_trial,
-                output,
-                log,
-                inputs=dict(settings_path=input.settings_path),
-                arguments=dict(
-                    campaign_folder=Path(params.campaign_folder),
-                    trial=wildcards.trial,
-                    followed=SharedChoices(**params.followed),
-                ),
-                simulates=True,
-            )
+            job(simulate_planned_trial, input, output, params, log)
 
     use rule simulate_dynamometer as simulate_actuator with:
         output:

@@ -17,6 +17,7 @@ import yaml
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     NonNegativeFloat,
@@ -50,8 +51,13 @@ ShippedPath = Annotated[Path, AfterValidator(shipped)]
 `config/config.yaml`."""
 
 
-FilesByName = Mapping[str, Path]
-"""Files of a kind, by the stems of their names."""
+def by_stem(files: Any) -> Any:
+    """Files by the stems of their names; a mapping as it is."""
+    return {Path(file).stem: file for file in files} if isinstance(files, list) else files
+
+
+FilesByName = Annotated[Mapping[str, Path], BeforeValidator(by_stem)]
+"""Files that a rule lists, and their command takes by name."""
 # Keys and numbers of list entries that lead to a field, from the outermost.
 Place = tuple[int | str, ...]
 FILE_NAME = r"^[A-Za-z0-9_-]+$"
@@ -85,10 +91,11 @@ class Settings(BaseModel):
                 )
         return content
 
-    def part(self, base: "type[Settings]") -> dict[str, Any]:
-        """The fields of a base class as JSON, for a job that uses only these: a change of others
-        does not make its results anew."""
-        return self.model_dump(mode="json", include=set(base.model_fields))
+    def part(self, base: str) -> dict[str, Any]:
+        """The fields of the base class of this name, as JSON, for a job that uses only these: a
+        rule of Snakemake imports no settings model."""
+        model: Any = next(model for model in type(self).__mro__ if model.__name__ == base)
+        return self.model_dump(mode="json", include=set(model.model_fields))
 
 
 def without_truth_values(content: Any) -> Any:
@@ -327,9 +334,12 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
 
 
 def of_fraction(value: object) -> object:
-    """A number that may be written as a fraction, such as `1/4096`."""
+    """A number that may be written as a fraction, such as `1/4096` and `1/41232.2`."""
+    if not isinstance(value, str):
+        return value
+    above, _, below = value.partition("/")
     try:
-        return float(Fraction(value)) if isinstance(value, str) else value
+        return float(Fraction(above) / Fraction(below or 1))
     except (ValueError, ArithmeticError) as error:
         raise ValueError("write a number or a ratio such as 83/18 or 1/4096") from error
 

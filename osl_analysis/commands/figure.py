@@ -36,6 +36,7 @@ from osl_analysis.figures.drawing import (
 )
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
+    FileOrNone,
     joint_of,
     known_parameters,
 )
@@ -230,7 +231,7 @@ def fig4(series: Path, table: Path, chosen: str) -> pl.DataFrame:
 
 def fig7(
     table: Path,
-    parameters: Path | None,
+    parameters: FileOrNone,
     choice: FrequencyResponseFigure | None,
     weight: Weight,
 ) -> pl.DataFrame:

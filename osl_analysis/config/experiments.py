@@ -28,9 +28,11 @@ class ResultTable:
 
 @dataclass(frozen=True)
 class FitJob:
-    """The cells of the sample sheet that the fit of one trial takes."""
+    """What the fit of one trial (`FITS` in commands/fit.py) takes; the same for rules, command line
+    and notebook."""
 
-    sheet: Sequence[str] = ()  # columns of the sheet
+    settings: str  # section of the configuration
+    sheet: Sequence[str] = ()  # columns of the sample sheet, as its `condition`
     windows: bool = False  # whether it fits the windows that the sheet states, as `windows`
 
 

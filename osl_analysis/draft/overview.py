@@ -24,6 +24,8 @@ from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.conversion import floats_of
 from osl_analysis.ingest.likely_clock import (
     CLOCK,
+    beginnings,
+    begins_anew,
     is_like_clock,
     is_of_time,
     rate_of,
@@ -181,6 +183,13 @@ def overview_of_log(recording: Recording) -> Overview:
             shown.append(describe_channel(channel, key))
         except InputError as error:
             remarks.append(str(error))
+    for described in shown:
+        if not has_messages and is_like_clock(described.name):
+            readings = described.readings
+            starts = beginnings(readings)
+            if starts.size > 1:
+                rows = recording.channels[0].rows
+                remarks.append(f"{described.key}: {begins_anew(rows, starts, readings[0])}")
     settings = {"clock": "master", **recording.settings}
     drafted = [channel for channel in shown if channel.count]
     facts = facts_of(recording)

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 from statistics import mode
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -17,13 +18,16 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from osl_analysis.base.errors import InputError, quoted, shortened
-from osl_analysis.base.recording import Channel, End, Kind, Loss, Recording, Rows
+from osl_analysis.base.recording import SECOND_NS, Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.base.source_file import ColumnChannel, ColumnTime, TableSource
 from osl_analysis.base.units import is_clock, is_unit
+from osl_analysis.formats.cell_forms import forms_of, plain_rows
 from osl_analysis.formats.text_cells import (
     FIRST_LINES,
     LAST_LINES,
     MISSING,
+    TIME_OF_CELL,
+    WHOLE,
     Line,
     TextRow,
     are_times,
@@ -87,6 +91,7 @@ class Table:
     end: End
     notes: list[str] = field(default_factory=list)
     skipped: int = 0  # rows that do not fit the header
+    has_forms: bool = False  # whether numbers stand within text of the cells
     delimiter: str = ""
     decimal: str = "."
 
@@ -97,6 +102,15 @@ class Shape(NamedTuple):
     width: int
     first_value: int  # place of the first column that mostly has numbers, times or missing
     is_blank_before: bool
+    value_places: frozenset[int]  # of the columns that mostly have values
+
+    def is_header(self, cells: Sequence[str]) -> bool:
+        """Tell whether a row holds names: different words over most columns of numbers."""
+        over_values = [cells[place] for place in self.value_places if place < len(cells)]
+        words = [
+            cell for cell in over_values if re.search("[^\\W\\d_]{2}", cell) and not is_value(cell)
+        ]
+        return len(words) > len(over_values) / 2 and len({*words}) == len(words) > 1
 
     def begins(self, cells: Sequence[str]) -> bool:
         """Tell whether a row begins as data do, or may be cut off before its first number."""
@@ -126,7 +140,9 @@ def table_of_rows(
     InputError
         There is no table of numbers, or rows do not fit the header.
     """
-    remarks: list[str] = []
+    forms = forms_of(rows)
+    rows = plain_rows(rows, forms)
+    remarks = [form.remark for form in forms]
     shape = _shape_of(rows)
     first = _first_row_of_data(rows, shape)
     last = len(rows) - 1  # it may be text, as of a footer
@@ -135,7 +151,12 @@ def table_of_rows(
     above, footer = rows[:first], rows[last + 1 :]
     footnotes = [" ".join(row.cells) for row in footer]
     comment_texts = [line.text.strip(" \t#%/") for line in comments]
-    names, units, notes = _head_of(above, comment_texts, delimiter, shape.width)
+    names, units, notes = _head_of(above, comment_texts, delimiter, shape)
+    for form in forms:
+        if form.place < len(names):
+            is_unnamed = names[form.place] in ("", str(form.place + 1))
+            names[form.place] = form.name if is_unnamed and form.name else names[form.place]
+            units[form.place] = units[form.place] or form.unit
     width = len(names)
     data = [TextRow(row.number, unpadded(row.cells, width)) for row in rows[first : last + 1]]
     if not data:
@@ -163,6 +184,7 @@ def table_of_rows(
         notes=[*notes, *comment_texts, *footnotes],
         remarks=remarks,
         skipped=skipped,
+        has_forms=bool(forms),
         end=End.MISSING if cut else End.UNKNOWN,
         delimiter=delimiter,
         decimal=decimal_of(cells_of_rows),
@@ -178,10 +200,15 @@ def _shape_of(rows: Sequence[TextRow]) -> Shape:
     width = mode(map(len, sample))
     typical = [cells for cells in sample if len(cells) == width]
     typical = typical[len(typical) // 2 :]  # the first rows may be a header
+    value_places = []
     for place in range(width):
         cells = [row[place] for row in typical if row[place]]
         if len(rows) > 1 and cells and sum(map(is_value, cells)) >= LEAST_VALUES * len(cells):
-            return Shape(width, place, is_blank_before=not any(middle.cells[:place]))
+            value_places.append(place)
+    if value_places:
+        first = value_places[0]
+        is_blank_before = not any(middle.cells[:first])
+        return Shape(width, first, is_blank_before, frozenset(value_places))
     raise InputError(
         f"no table of numbers: most of its {len(rows)} rows hold none, such as line"
         f" {middle.number}, '{shortened(' '.join(middle.cells))}'",
@@ -195,7 +222,7 @@ def _first_row_of_data(rows: Sequence[TextRow], shape: Shape) -> int:
     first = 0
     for row in rows:
         is_typical = len(row.cells) == shape.width and shape.begins(row.cells)
-        if is_typical and not _counts(row.cells):
+        if is_typical and not _counts(row.cells) and not shape.is_header(row.cells):
             break
         first += 1
     while first:
@@ -217,7 +244,7 @@ def _counts(cells: Sequence[str]) -> bool:
 
 
 def _head_of(
-    above: Sequence[TextRow], comments: Sequence[str], delimiter: str, width: int
+    above: Sequence[TextRow], comments: Sequence[str], delimiter: str, shape: Shape
 ) -> tuple[list[str], list[str], list[str]]:
     """Names and units of the columns, and other text, in the rows above the data and comments."""
     texts = [" ".join(filter(None, row.cells)) for row in above]
@@ -226,8 +253,10 @@ def _head_of(
     rows = [
         row
         for row, text in zip(above, texts, strict=True)
-        if not (STATED_ROWS.match(text) or any(map(decimals.fullmatch, row.cells)))
+        if shape.is_header(row.cells)
+        or not (STATED_ROWS.match(text) or any(map(decimals.fullmatch, row.cells)))
     ]
+    width = shape.width
     candidates = [row.cells for row in rows]
     below = above[-1].number + 1 if above else 0
     for number, cells in reversed(rows[-MOST_HEADERS:]):
@@ -279,7 +308,8 @@ def _names_in(lists: Sequence[list[str]], have_units: bool, width: int) -> list[
     without any."""
     if not lists:
         return [str(place + 1) for place in range(width)]
-    names = unpadded(lists[-1])
+    names = ["" if is_number_cell(name) or TIME_OF_CELL.match(name) else name for name in lists[-1]]
+    names = unpadded(names)
     above_units = [cells for cells in lists if have_units and len({*cells}) == len(cells) == width]
     # else of devices, or their ranges, as `20deg`
     above_units.sort(
@@ -415,8 +445,55 @@ def recording_of_table(
             read = partial(cell_stamps, cells)
             channel = replace(channel, read=read, unit="ns", kind=Kind.CLOCK)
         channels.append(channel)
+    channels += stamps_in_two_columns(channels, table.body)
     loss = Loss(rows.count, rows.count + table.skipped, table.end, remarks=table.remarks)
     return Recording(format_name, channels, loss, notes=table.notes, facts=facts)
+
+
+PARTS_OF_SECOND = (10**3, 10**6, 10**9)  # ticks of the second column in a second
+REST_OF_STAMP = re.compile(r"(?i)(n(ano)?_?s(ec(ond)?s?)?|u(sec)?s?|micro\w*|nanos|milli\w*|ms)$")
+
+
+def stamps_in_two_columns(channels: Sequence[Channel], body: pl.DataFrame) -> list[Channel]:
+    """A clock of each two neighbouring columns that are seconds and the rest of a second, as
+    `ros2 topic echo --csv` writes a stamp: the rest begins anew where the seconds rise."""
+    clocks = []
+    whole = [_whole_numbers(cells) for cells in body]
+    for place, (seconds, rest) in enumerate(pairwise(whole)):
+        if seconds is None or rest is None or rest.size < 2 or rest.min() < 0:
+            continue
+        ticks = next((ticks for ticks in PARTS_OF_SECOND if ticks > rest.max()), 0)
+        rises = np.diff(seconds)
+        falls = np.diff(rest) < 0
+        goes_on = bool(ticks) and bool((np.diff(seconds * ticks + rest) >= 0).all())
+        is_named = bool(REST_OF_STAMP.search(channels[place + 1].name))
+        if not goes_on or not ((rises > 0) == falls).all() or not (falls.any() or is_named):
+            continue
+        name = f"{channels[place].key} + {channels[place + 1].key}"
+        stamps_ns = seconds * SECOND_NS + rest * (SECOND_NS // ticks)
+        clocks.append(
+            replace(
+                channels[place],
+                address={"column": name},
+                name=name,
+                title=name,
+                unit="ns",
+                kind=Kind.CLOCK,
+                read=partial(np.asarray, stamps_ns),
+            )
+        )
+    return clocks
+
+
+def _whole_numbers(cells: pl.Series) -> NDArray[np.int64] | None:
+    """The whole numbers of a column, (n,); None of another column."""
+    if cells.dtype == pl.String:
+        if not cells[:FIRST_LINES].str.contains(WHOLE).all():
+            return None
+        cells = cells.cast(pl.Int64, strict=False)
+    if not cells.dtype.is_integer() or cells.null_count():
+        return None
+    return cells.cast(pl.Int64).to_numpy()
 
 
 def _values_of(
@@ -436,6 +513,11 @@ def _values_of(
         return values
     place = int(unread[0])
     cell = shortened(str(cells[place]))
+    if unread.size == len(cells):
+        raise InputError(
+            f"column '{title}' holds no number: its first cell is '{cell}'",
+            "name another column, or write one number a cell",
+        )
     raise InputError(
         f"{rows.place(place)}, column '{title}': '{cell}' is not a number",
         "name another column, write numbers as 1234.5e-3, none between thousands, and times as"

@@ -19,6 +19,7 @@ from polars.exceptions import PolarsError
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.recording import Format, Recording
+from osl_analysis.formats.cell_forms import without_arrows
 from osl_analysis.formats.cell_table import (
     COMMENT_SIGNS,
     LISTING,
@@ -45,7 +46,7 @@ CELL_PADDING = ' \t\v\f"'  # of cells
 
 def table_of_text(text: Text, layout: SheetSource) -> Table:
     """Find the table in a text: in a long one by its first and last lines."""
-    data = text.data
+    data = without_arrows(text.data)
     first = re.match(rb"(?:.*\n){%d}" % FIRST_LINES, data)
     above = len(data)  # up to where the last lines begin
     for _ in range(LAST_LINES):
@@ -56,7 +57,7 @@ def table_of_text(text: Text, layout: SheetSource) -> Table:
         end = numbered(data[above + 1 :], FIRST_LINES + count + 1)
         with suppress(InputError, PolarsError):  # the whole text then tells what is wrong
             ends = _table_of_lines(numbered(first[0]) + end, layout, text.is_ended)
-            if not ends.skipped:
+            if not ends.skipped and not ends.has_forms:
                 return _with_rows_between(ends, between, count)
     return _table_of_lines(numbered(data), layout, text.is_ended)
 

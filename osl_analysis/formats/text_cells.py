@@ -47,9 +47,10 @@ MISSING = (
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
 WHOLE = r"^[+-]?\d+$"
 TRUTHS = ("true", "false")  # in any case, as loggers in Python write them
-# a time of day, or seconds as MATLAB writes those of a timetable
+# a time of day, minutes with seconds, or seconds as MATLAB writes those of a timetable
 TIME = (
     r"^(?:(?P<matlab_s>\d+(?:\.\d+)?(?:[eE][+-]?\d+)?) sec|"
+    r"(?P<minutes_alone>\d{1,4}):(?P<seconds_alone>\d{2})[.,](?P<fraction_alone>\d{1,9})|"
     r"(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ]\s*)?(?:(?P<days>\d+) days?,? )?"
     r"\+?(?P<hours>\d{1,3}):(?P<minutes>\d{2}):(?P<seconds>\d{1,2})"
     r"(?:[.,:](?P<fraction>\d{1,9}))?\d*(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?"
@@ -172,7 +173,8 @@ def _score(sample: Sequence[str], sign: str) -> float:
         return 0.0
     typical = [row for row in rows if len(row) == width]
     filled = [cell.strip(' "') for row in typical for cell in row if cell.strip(' "')]
-    return len(typical) / len(rows) * sum(map(is_value, filled)) / max(1, len(filled))
+    values = sum(is_value(cell) or is_number_with_unit(cell) for cell in filled)
+    return len(typical) / len(rows) * values / max(1, len(filled))
 
 
 def split_rows(lines: Sequence[Line], delimiter: str) -> list[TextRow]:
@@ -223,6 +225,12 @@ def check_last_line(is_ended: bool, rows: Sequence[TextRow]) -> None:
 def is_number_cell(cell: str) -> bool:
     """Tell whether a cell is a number with a decimal point, or a whole one."""
     return NUMBER.fullmatch(cell) is not None
+
+
+def is_number_with_unit(cell: str) -> bool:
+    """Tell whether a cell is a number and a unit, as `8.9 Nm`."""
+    number, _, unit = cell.partition(" ")
+    return is_number_cell(number) and is_unit(unit)
 
 
 def is_value(cell: str) -> bool:
@@ -367,10 +375,13 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64]:
         in_ns = cells.cast(pl.Datetime("ns") if is_date else pl.Duration("ns"))
         return in_ns.cast(pl.Int64).to_numpy()
     parts = cells.str.extract_groups(TIME).struct.unnest()
-    fraction_ns = pl.col("fraction").str.pad_end(9, "0").cast(pl.Int64)
+    fraction = pl.coalesce("fraction", "fraction_alone")
+    fraction_ns = fraction.str.pad_end(9, "0").cast(pl.Int64)
     matlab_ns = pl.col("matlab_s").cast(pl.Float64) * SECOND_NS
     numbers = parts.select(
-        pl.col("days", "hours", "minutes", "seconds").cast(pl.Int64),
+        pl.col("days", "hours").cast(pl.Int64),
+        pl.coalesce("minutes", "minutes_alone").cast(pl.Int64),
+        pl.coalesce("seconds", "seconds_alone").cast(pl.Int64),
         fraction_ns.fill_null(matlab_ns.round().cast(pl.Int64)),
         pl.col("half").str.to_lowercase(),
     ).fill_null(0)

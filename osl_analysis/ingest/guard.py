@@ -13,7 +13,15 @@ import polars as pl
 import scipy
 
 from osl_analysis.base.errors import Change, InputError
-from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, rms, spoiled, varies
+from osl_analysis.base.measured import (
+    SMALLEST_SIGNAL,
+    cycle_duration,
+    noise_of,
+    rms,
+    spoiled,
+    usual_step,
+    varies,
+)
 from osl_analysis.base.trial import Array, Trial, unit_of
 from osl_analysis.base.units import si_factor
 from osl_analysis.signals.grid import origin
@@ -242,6 +250,7 @@ def check_recording(
             f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns",
             "is this the channel of the load cell? Correct it in the source file",
         )
+    check_sign(trial, torque, angle)
     if angle is not None and turn > limits.largest_angle:
         check_not_spoiled(trial, angle)
         raise InputError(
@@ -261,6 +270,58 @@ def check_recording(
             "correct its `unit` or `scale` in the source file, or the range",
             changes=in_other_units(trial, [torque]),
         )
+
+
+@dataclass(frozen=True)
+class LostSign:
+    """What tells a torque whose size was logged without its sign."""
+
+    # residual of the motion with the signs put back over that without: |K theta| leaves all of its
+    # SD without them, and its noise with them; a preloaded joint leaves the same with both
+    smaller_residual: float = 0.3
+    rows_of_cycle: int = 40  # to which rows are averaged, so that speed and acceleration are smooth
+    rounds: int = 10  # of putting signs and fitting; three or four are usual
+
+
+LOST_SIGN = LostSign()
+
+
+def check_sign(trial: Trial, torque: str, angle: str | None) -> None:
+    """Refuse a torque of one sign that the motion explains once it has two."""
+    time, measured = recorded(trial, torque)
+    moved = recorded(trial, angle)[1]
+    is_of_one_sign = measured.size and not measured.min() < 0 < measured.max()
+    if not is_of_one_sign or moved.size != measured.size or not varies(moved):
+        return
+    step_s = usual_step(time)
+    rows = max(round(cycle_duration(moved, step_s) / LOST_SIGN.rows_of_cycle / step_s), 1)
+    count = measured.size // rows
+    if count < LOST_SIGN.rows_of_cycle:
+        return
+    theta, size = (
+        values[: count * rows].reshape(-1, rows).mean(axis=1) for values in (moved, measured)
+    )
+    speed = np.gradient(theta)
+    motion = np.column_stack([theta, speed, np.gradient(speed), np.ones(count)])
+    motion[:, :3] -= motion[:, :3].mean(axis=0)
+    _, without = followed(motion, size)
+    explained = motion[:, 0]
+    for _ in range(LOST_SIGN.rounds):
+        explained, residual = followed(motion, np.copysign(size, explained))
+    if residual < LOST_SIGN.smaller_residual * without:
+        side = "negative" if measured.max() > 0 else "positive"
+        raise InputError(
+            f"trial {trial.name}: {torque} is never {side}, and the motion leaves"
+            f" {residual:.3g} N*m of it with a sign and {without:.3g} N*m without: its sign is"
+            " lost",
+            "log it with its sign, or exclude the trial",
+        )
+
+
+def followed(motion: Array, torque: Array) -> tuple[Array, float]:
+    """What a motion (n, columns) explains of a torque (n,), and the RMS that it leaves."""
+    explained = motion @ np.linalg.lstsq(motion, torque)[0]
+    return explained, rms(torque - explained)
 
 
 def check_not_spoiled(trial: Trial, column: str) -> None:

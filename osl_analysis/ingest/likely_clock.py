@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.base.errors import InputError
+from osl_analysis.base.errors import InputError, listing
 from osl_analysis.base.measured import UNIFORM_WIDTH, usual_step
-from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Recording
+from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Recording, Rows
 from osl_analysis.base.source_file import TableSource
 from osl_analysis.base.trial import Array
 from osl_analysis.base.units import (
@@ -57,11 +57,15 @@ class CounterOverflow:
 OVERFLOW = CounterOverflow()
 
 
-def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], str]:
-    """Let a counter that overflowed at a power of two of its ticks go on.
+WITHIN_A_SECOND = (10**3, 10**6, 10**9)  # ticks, after which ms, us and ns of a second begin anew
 
-    A step back is an overflow if adding the smallest such power beyond it makes it about as short
-    as the other steps.
+
+def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], str]:
+    """Let a counter that overflowed at a power of two of its ticks, or that counts within a second,
+    go on.
+
+    A step back is an overflow if adding the smallest such period beyond it makes it about as short
+    as the other steps. Of several periods that do, the one counts that makes it the most usual.
 
     Parameters
     ----------
@@ -78,15 +82,54 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], str]:
     steps = np.diff(np.asarray(readings, float))
     falls = -steps[steps < 0]
     longest = OVERFLOW.most_steps * usual_step(readings)
-    turns = np.append(0, np.cumsum(steps < 0))
-    for tick, fewest_bits in FEWEST_BITS.items() if falls.size else ():
+    if not falls.size:
+        return readings, ""
+    are_whole = bool((readings == np.rint(readings)).all())
+    periods = {}  # in words, by period and tick
+    for tick, fewest_bits in FEWEST_BITS.items():
         bits = math.ceil(math.log2(falls.max() / tick))
-        period = 2**bits * tick
-        is_counter = tick < 1 or (readings == np.rint(readings)).all()
-        if is_counter and bits >= fewest_bits and period - falls.min() <= longest:
-            whole = readings.astype(np.int64) if tick == 1 else readings
-            return whole + turns * period, f"2**{bits} ticks of {tick:g}"
-    return readings, ""
+        if bits >= fewest_bits and (tick < 1 or are_whole):
+            periods[2**bits * tick, tick] = f"2**{bits} ticks of {tick:g}"
+    for period in WITHIN_A_SECOND:
+        if are_whole and readings.min() >= 0 and period > readings.max() >= falls.max():
+            periods[period, 1.0] = f"{period:g} ticks, a second"
+    possible = [key for key in periods if key[0] - falls.min() <= longest]
+    if not possible:
+        return readings, ""
+    usual = usual_step(readings)
+    # a first one of powers of two stays where several make the step as usual
+    period, tick = min(possible, key=lambda key: abs(key[0] - np.median(falls) - usual))
+    turns = np.append(0, np.cumsum(steps < 0))
+    whole = readings.astype(np.int64) if tick == 1 else readings
+    return whole + turns * period, periods[period, tick]
+
+
+FEWEST_IN_RECORDING = 20  # rows from one beginning of a clock to the next: fewer are a fault
+
+
+def beginnings(readings: NDArray[Any]) -> NDArray[np.intp]:
+    """Rows at which a clock (n,) begins anew about where it began first, as where several
+    recordings stand in one file; with the first row. One row alone where it does not."""
+    steps = np.diff(np.asarray(readings, float))
+    falls = np.flatnonzero(steps < 0) + 1
+    if not falls.size:
+        return falls[:0] if not readings.size else np.zeros(1, np.intp)
+    starts = np.concatenate([[0], falls])
+    near = OVERFLOW.most_steps * usual_step(readings)
+    begin_alike = bool((np.abs(readings[starts] - readings[0]) <= near).all())
+    lengths = np.diff(np.append(starts, readings.size))
+    if begin_alike and lengths.min() >= FEWEST_IN_RECORDING:
+        return starts
+    return starts[:1]
+
+
+def begins_anew(rows: Rows, starts: NDArray[np.intp], first: object) -> InputError:
+    """The refusal of a file with several recordings, whose clock begins anew in some rows."""
+    places = listing([rows.place(row) for row in starts[1:]], 5)
+    return InputError(
+        f"time begins anew at {first} in {places}: the file holds {starts.size} recordings",
+        "cut the file there, and give each part a row of the sheet",
+    )
 
 
 @dataclass(frozen=True)

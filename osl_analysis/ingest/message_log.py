@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from osl_analysis.base.errors import InputError, naming
 from osl_analysis.base.recording import SECOND_NS, Recording, Rows
 from osl_analysis.base.source_file import MessageChannel, MessageSource
+from osl_analysis.ingest.batches import spread_batches
 from osl_analysis.ingest.conversion import (
     Converted,
     asked_channels,
@@ -118,7 +119,18 @@ def convert_topic(
     allowed = source.largest_loss * len(table)
     # of rounded stamps each has about as many messages; the time base finds when they were sampled
     is_rounded = copies <= allowed and counts.max() <= np.median(counts) + 1
-    if repeated > allowed and not is_rounded:
+    batches = spread_batches(in_order["stamp"].to_numpy()) if repeated else None
+    if batches is not None:
+        spread, is_moved = batches
+        in_order = in_order.with_columns(stamp=pl.Series(spread))
+        rate = rate_of(spread, SECOND_NS)
+        remarks.append(
+            f"{is_moved.sum()} of {len(in_order)} messages have the stamp of a later one: they came"
+            f" in batches, and are spread evenly at the sensor's {rate:.4g} Hz"
+        )
+        for origin in origins.values():
+            origin["time"] = {**source.time.model_dump(), "in_batches": int(is_moved.sum())}
+    elif repeated > allowed and not is_rounded:
         raise InputError(
             f"{repeated} of {len(table)} messages have the stamp of an earlier one",
             "stamps must be their own: check the recorder's clock or the time source in the"

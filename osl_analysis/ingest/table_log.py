@@ -29,7 +29,14 @@ from osl_analysis.ingest.conversion import (
 )
 from osl_analysis.ingest.force_plates import convert_plates
 from osl_analysis.ingest.guard import POSSIBLE
-from osl_analysis.ingest.likely_clock import CLOCK, check_other_clocks, rate_of, unwrapped
+from osl_analysis.ingest.likely_clock import (
+    CLOCK,
+    beginnings,
+    begins_anew,
+    check_other_clocks,
+    rate_of,
+    unwrapped,
+)
 from osl_analysis.ingest.several_clocks import joined_clocks
 from osl_analysis.ingest.turning import BESIDE, factor_or_nan
 
@@ -416,6 +423,10 @@ def at_clock(
     numbers, period = unwrapped(numbers)
     if period:
         remarks.append(f"{what} fell by {period} and is taken to go on")
+    starts = beginnings(numbers)
+    if starts.size > 1:
+        with naming(what):
+            raise begins_anew(rows, starts, numbers[0])
     fresh, stale = fresh_rows(rows, numbers, skips=skips)
     if stale:
         numbers = numbers[fresh]

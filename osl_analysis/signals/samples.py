@@ -92,6 +92,12 @@ class Stream:
     stated: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     beside: Collection[str] = ()
 
+    @property
+    def came_in_batches(self) -> bool:
+        """Whether stamps were spread over batches, and nobody states how they are read."""
+        times = [sensor.get("time", {}) for sensor in self.stated.values()]
+        return any("in_batches" in time and time.get("stamps") == "auto" for time in times)
+
     def __post_init__(self) -> None:
         stamps = self.stamps
         for name, values in self.signals.items():
@@ -231,6 +237,8 @@ def take_stream(stream: Stream) -> list[Taken]:
     if groups:
         own = {name: values for name, values in stream.signals.items() if name not in held}
         reading = stream.reading or decide(own, clock)
+        if stream.came_in_batches:  # when its samples were taken is assumed
+            reading = reading._replace(firm=False)
         if held:
             row_times = reading.times(clock)
         for (delay, _), signals in groups.items():

@@ -2,9 +2,10 @@
 """The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow.
 They call what the jobs of a campaign call: their numbers are those of its tables."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import polars as pl
 
@@ -16,16 +17,18 @@ from osl_analysis.base.yaml_settings import check_known
 from osl_analysis.bench.evidence import UNSTATED, DesiredImpedance
 from osl_analysis.campaign.configuration import OF_CONFIG, config_for_trials
 from osl_analysis.commands.fit import checks_of, fit_trial, run_fit
-from osl_analysis.commands.fit_results import Fit
+from osl_analysis.commands.fit_results import Fit, estimated, printed_units
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.figures.drawing import drawn, look_numbers, plotted_columns, plotted_numbers
 from osl_analysis.judge.judging import judged, marked, with_doubts_of
 from osl_analysis.model.drivetrain import joint_of
+from osl_analysis.stats.rounding import estimate_text
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure as Figure
 
 File = str | Path
+PARQUET_BEGINS = b"PAR1"  # the first bytes of a stored trial
 
 
 def as_trial(trial: Trial | File) -> Trial:
@@ -54,15 +57,18 @@ def fit(
     config: File | None = None,
     parameters: File | None = OF_CONFIG,
     curve: str | None = None,
+    sign: int | None = None,
 ) -> Fit:
     """Fit a trial of an experiment, as a campaign does.
 
     Parameters
     ----------
     trial : Trial or Path or str
-        In SI units, or its Parquet file. `impedance`, `transmission` and `torque_angle` need
-        `theta` [rad] and the resisting `torque` [N*m]; `belt` needs `theta_m` [rad] too; `actuator`
-        needs `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s].
+        In SI units, or its Parquet file; or a CSV file with columns that are named by signal and
+        unit, as `time_s,theta_deg,torque_Nm`, in any known units. `impedance`, `transmission` and
+        `torque_angle` need `theta` [rad] and the resisting `torque` [N*m]; `belt` needs `theta_m`
+        [rad] too; `actuator` needs `current` [A], `torque_m` [N*m], and `theta_m` [rad] or
+        `omega_m` [rad/s].
     experiment : str
         As in the column `experiment` of a sample sheet:
 
@@ -86,6 +92,9 @@ def fit(
     curve : str or None
         Name of the curve of the configuration that the device of a torque_angle trial was designed
         for.
+    sign : int or None
+        Of the torque in a CSV file, which states it: 1 if it is the joint's resisting torque,
+        positive when it opposes positive motion, -1 if it is the opposite one.
 
     Returns
     -------
@@ -96,7 +105,8 @@ def fit(
     ------
     InputError
         The trial lacks a signal, does not move, or follows a damaged stepped sine; no such
-        experiment; or a file is not valid.
+        experiment; a file is not valid; or a CSV file is given without `sign`: the error says which
+        one its motion suggests.
     IdentifiabilityError
         The motion cannot tell what is sought, or the belt is not loaded enough.
     UnreachableImpedanceError
@@ -107,6 +117,8 @@ def fit(
     >>> fit = osl.fit(trial, desired=osl.DesiredImpedance("compensated", K_d=300, B_d=5))
     >>> print(f"K {fit.K:.0f} N*m/rad")
     K 300 N*m/rad
+    >>> print(f"K {osl.fit('knee.csv', sign=-1).K:.0f} N*m/rad")
+    K 93 N*m/rad
     >>> print(f"K_s {osl.fit(belt_trial, 'belt').K_s:.0f} N*m/rad")
     K_s 686 N*m/rad
     """
@@ -123,7 +135,48 @@ def fit(
     elif experiment == "torque_angle":
         condition = {"desired": curve}
     stated = config_for_trials(config, parameters)
-    return fit_trial(experiment, as_trial(trial), stated.parameters, stated, condition, windows)
+
+    def fit_of(recorded: Trial) -> Fit:
+        return fit_trial(experiment, recorded, stated.parameters, stated, condition, windows)
+
+    if is_table_of_rows(trial):
+        return fit_of(trial_with_sign(Path(trial), sign, fit_of))
+    if sign is not None:
+        raise InputError(
+            f"sign={sign}: a trial, or its Parquet file, has the sign that its source file states",
+            "leave out `sign`",
+        )
+    return fit_of(as_trial(trial))
+
+
+def is_table_of_rows(trial: Trial | File) -> TypeGuard[File]:
+    """Whether a recording is given, in place of a trial or of its Parquet file."""
+    if not isinstance(trial, Path | str):
+        return False
+    path = Path(trial)
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(PARQUET_BEGINS)) != PARQUET_BEGINS
+
+
+def trial_with_sign(path: Path, sign: int | None, fit_of: Callable[[Trial], Fit]) -> Trial:
+    """The trial of a table with named columns. Raises InputError without a sign, which names the
+    one with which `fit_of` gives possible estimates."""
+    from osl_analysis.commands.named_columns import SIGNS, sign_not_stated, trial_of_named_columns
+
+    def first_estimate(trial: Trial) -> str:
+        row = fit_of(trial).row
+        name = estimated(row)[0]
+        return f"{name} {estimate_text(row, name)} {printed_units()[name]}"
+
+    if sign is None:
+        raise sign_not_stated(path, first_estimate)
+    if sign not in SIGNS:
+        raise InputError(
+            f"sign={sign}: the torque is the resisting one, or its opposite", "1 or -1"
+        )
+    return trial_of_named_columns(path, sign)
 
 
 @dataclass(frozen=True, eq=False)

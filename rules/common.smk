@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The campaign, and what the rules of several files look up in it.
 
-Rules have one line of code, `job(FUNCTION, input, output, params, log)`. It calls that function in a
-warm process (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and params are those of
-its arguments, but for these (`osl_analysis/jobs/perform.py`):
+A rule calls one function, `job(FUNCTION, output, log, inputs={...}, arguments={...})`, with every
+argument by its name: `inputs` are results of earlier jobs, out of which refused trials are taken,
+`arguments` are the others. It runs in a warm process (`osl_analysis/jobs/workers.py`). A table that
+the function returns is written by the job.
 
-* The output of a function that returns a table: the job writes it, with what the data are.
-* Inputs and outputs without a name only say when a job is due and what it makes: the function finds
-  these files by its arguments. A recording may be a folder; and what the sheet names and is missing
-  refuses one trial, by the function, while as an input it would end the run. Of a figure also what
-  keeps it from being drawn is read.
-* `fitted`: an input of which the function only gets the reasons of what was not analysed. Which
-  argument gets the reasons of all inputs stands behind `log`: `refused`, or `not_analysed`.
-* `file_states`, `sources`, `made_by`, `excluded`: params. Snakemake compares the first two, every rule
-  has the third, and the trials of the last, by the checks among the inputs without a name, are taken
-  out.
+Inputs without a name only say when a job of the rule is due. The function finds these files by its
+arguments. A recording may be a folder; and what the sheet names and is missing refuses one trial,
+by the function, while as an input it would end the run.
+
+Params are what Snakemake compares with the last run, and what it finds when the job begins. All
+rules have `made_by`. `file_states` and `sources` of a recording are compared alone. `excluded` are
+the trials, of the checks among the inputs without a name, that are taken out of `inputs`; a rule
+that has it has a `message`, without which Snakemake does not look it up anew as the job begins if
+jobs are processes of their own.
 
 A param is a value, or a function of `wildcards`: Snakemake does not compare a function of `input`.
 Text that a person wrote is one of a function, too: in a plain text Snakemake replaces what stands
@@ -27,7 +27,6 @@ the longest trials of the bench: no rule states resources, and profiles/slurm st
 """
 
 import gc
-from functools import partial
 from operator import attrgetter
 from pathlib import Path
 
@@ -57,22 +56,29 @@ from osl_analysis.campaign.result_files import (
     response_example,
     time_series_example,
 )
-from osl_analysis.commands.fit import FITS, fit_arguments, taken_by
+from osl_analysis.bench.bench_settings import (
+    ActuatorAnalysis,
+    BeltAnalysis,
+    ImpedanceAnalysis,
+    SteppedSineAnalysis,
+    TorqueAngleAnalysis,
+)
 from osl_analysis.commands.run import left_out_recordings, start_campaign
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
-from osl_analysis.config.sheet import ON_DYNAMOMETER
+from osl_analysis.config.sheet import ON_DYNAMOMETER, RECORDINGS
 from osl_analysis.base.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures.drawing import FIGURES
+from osl_analysis.jobs.job import Job, LeftOut, TrialFiles, as_paths
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.snakemake_attributes import (
     allow_repeated_letters,
     configuration_files,
     do_jobs_in_threads,
     has_prefix,
-    jobs_at_once,
+    parallel_jobs,
     look_for_jobs_at_once,
 )
-from osl_analysis.jobs.workers import do_job
+from osl_analysis.jobs.workers import run_in_worker
 from osl_analysis.judge.recording_checks import read_verdicts, spoiled_trials
 from osl_analysis.base.yaml_settings import as_json
 
@@ -81,7 +87,6 @@ gc.set_threshold(100_000)
 
 do_jobs_in_threads()
 allow_repeated_letters()
-job = partial(do_job, at_once=jobs_at_once(workflow))
 if has_prefix(workflow):
     raise WorkflowError(
         "a module of this workflow takes no `prefix`: jobs find recordings and results by the"
@@ -128,6 +133,39 @@ LEFT_OUT = left_out_recordings(CAMPAIGN)
 QUALITY = "<results>/tables/quality.csv"
 ACCEPTED = {trial: CAMPAIGN.accepted(trial) for trial in TRIALS}
 """The checks that the sheet accepts, by trial."""
+
+
+def job(
+    function,
+    output,
+    log,
+    inputs=None,
+    arguments=None,
+    left_out=LeftOut(),
+    trial=TrialFiles(),
+    simulates=False,
+):
+    """Call `function(**inputs, **arguments)` in a warm process; osl_analysis/jobs/job.py says what
+    each of these is. `output` and `log` are those of the rule."""
+    run_in_worker(
+        Job(
+            function,
+            outputs=[Path(file) for file in output],
+            log=Path(log[0]),
+            inputs={name: as_paths(files) for name, files in (inputs or {}).items()},
+            arguments=arguments or {},
+            left_out=left_out,
+            trial=trial,
+            data=CAMPAIGN.data,
+            parallel_jobs=parallel_jobs(workflow),
+            simulates=simulates,
+        )
+    )
+
+
+def by_name(files):
+    """Files by the stems of their names."""
+    return {Path(file).stem: file for file in files}
 
 
 onstart:
@@ -180,17 +218,28 @@ def device(wildcards):
     return CAMPAIGN.device(wildcards.trial) or []
 
 
+def recordings_of(row, raw_folder):
+    """The raw files or folders that a row of the sheet names."""
+    return [Path(raw_folder, row[role]) for role in RECORDINGS if row[role]]
+
+
 def cell(column):
     """A param: what the sample sheet states for the trial in this column."""
     return lambda wildcards: CAMPAIGN.rows[wildcards.trial][column]
 
 
-TRIAL_OF_FIT = {name: of_trials(CAMPAIGN.trials(name)) for name in FITS}
-SETTINGS_OF_FIT = {}
+SETTINGS_OF_FIT = {
+    "belt": CONFIG.dynamometer.part(BeltAnalysis),
+    "transmission": CONFIG.dynamometer.part(SteppedSineAnalysis),
+    "actuator": CONFIG.actuator.part(ActuatorAnalysis),
+    "impedance": CONFIG.dynamometer.part(ImpedanceAnalysis),
+    "torque_angle": CONFIG.torque_angle.part(TorqueAngleAnalysis),
+    "calibration": CONFIG.dynamometer.part(ImpedanceAnalysis),
+}
 """By experiment, of settings those alone that its fit uses: a change of others does not fit anew."""
-for name in FITS:
-    used = taken_by(name)["settings"].annotation
-    SETTINGS_OF_FIT[name] = getattr(CONFIG, EXPERIMENTS[name].fit.settings).part(used.__name__)
+FITTED_WITH_DEVICE = ("belt", "transmission", "actuator", "impedance")
+"""Experiments whose fit takes the parameter file of the device."""
+TRIAL_OF_FIT = {name: of_trials(CAMPAIGN.trials(name)) for name in SETTINGS_OF_FIT}
 
 
 def trial_of_fit(wildcards):
@@ -200,17 +249,20 @@ def trial_of_fit(wildcards):
 
 def device_of_fit(wildcards):
     """An input: the parameter file, of a fit that takes it."""
-    return arguments_of_fit(wildcards).get("parameters") or []
+    return device(wildcards) if wildcards.experiment in FITTED_WITH_DEVICE else []
 
 
-def arguments_of_fit(wildcards):
-    """A param: what the fit of a trial takes beside it."""
+def stated_for_fit(wildcards):
+    """A param: the cells of the sheet that the fit takes, by column."""
     row = CAMPAIGN.rows[wildcards.trial]
-    condition = {column: row[column] for column in EXPERIMENTS[wildcards.experiment].fit.sheet}
-    parameters = str(device(wildcards) or "") or None
-    given = fit_arguments(wildcards.experiment, CONFIG, parameters, condition, row["windows"])
-    plain = {name: as_json(value) for name, value in given.items() if name != "settings"}
-    return {**plain, "settings": SETTINGS_OF_FIT[wildcards.experiment]}
+    facts = EXPERIMENTS[wildcards.experiment].fit
+    return {column: row[column] for column in facts.sheet}
+
+
+def windows_of_fit(wildcards):
+    """A param: the windows of the sheet, of a fit that takes them."""
+    facts = EXPERIMENTS[wildcards.experiment].fit
+    return CAMPAIGN.rows[wildcards.trial]["windows"] if facts.windows else None
 
 
 def figure_setting(wildcards):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables -> the numbers that a figure plots (CSV) -> the figure; all of it -> `report.html`."""
 
+from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.figure import (
     draw_figure,
     fig3,
@@ -12,6 +13,8 @@ from osl_analysis.commands.figure import (
 )
 from osl_analysis.commands.report import write_brief, write_methods, write_report
 from osl_analysis.commands.run import end_run
+from osl_analysis.model.compensator import Weight
+from osl_analysis.walking.walking_settings import TimingSettings
 
 OWN_NUMBERS = ("fig3", "fig4", "fig7", "walking_page")
 """Figures whose numbers have a rule of their own; each of the others shows one to three tables."""
@@ -33,11 +36,16 @@ rule plot_numbers:
         figure=name_pattern(figure for figure in FIGURES if figure not in OWN_NUMBERS),
     localrule: True
     params:
-        name="{figure}",
         option=figure_setting,
         made_by=MADE_BY,
     run:
-        job(plot_numbers, input, output, params, log)
+        job(
+            plot_numbers,
+            output,
+            log,
+            inputs=dict(table=input.table, others=input.others),
+            arguments=dict(name=wildcards.figure, option=params.option),
+        )
 
 
 rule fig3_numbers:
@@ -56,7 +64,13 @@ rule fig3_numbers:
         excluded=lambda wildcards: excluded(CAMPAIGN.trials("belt")),
         made_by=MADE_BY,
     run:
-        job(fig3, input, output, params, log)
+        job(
+            fig3,
+            output,
+            log,
+            inputs=dict(curves=input.curves, table=input.table, summary=input.summary),
+            left_out=LeftOut(excluded=params.excluded),
+        )
 
 
 if TIME_SERIES:
@@ -77,7 +91,14 @@ if TIME_SERIES:
             excluded=lambda wildcards: excluded([TIME_SERIES["trial"]]),
             made_by=MADE_BY,
         run:
-            job(fig4, input, output, params, log)
+            job(
+                fig4,
+                output,
+                log,
+                inputs=dict(series=input.series, table=input.table),
+                arguments=dict(chosen=params.chosen),
+                left_out=LeftOut(excluded=params.excluded),
+            )
 
 
 rule fig7_numbers:
@@ -95,7 +116,16 @@ rule fig7_numbers:
         choice=as_json(response_example(CAMPAIGN)),
         made_by=MADE_BY,
     run:
-        job(fig7, input, output, params, log)
+        job(
+            fig7,
+            output,
+            log,
+            inputs=dict(table=input.table, parameters=input.parameters or None),
+            arguments=dict(
+                weight=Weight(**params.weight),
+                choice=FrequencyResponseFigure(**params.choice) if params.choice else None,
+            ),
+        )
 
 
 rule walking_page_numbers:
@@ -113,11 +143,24 @@ rule walking_page_numbers:
         "<logs>/figures/walking_page_numbers.log",
     localrule: True
     params:
-        settings=CONFIG.walking.part("TimingSettings"),
+        settings=CONFIG.walking.part(TimingSettings),
         excluded=lambda wildcards: excluded(PERTURBED),
         made_by=MADE_BY,
     run:
-        job(plot_walking_page, input, output, params, log)
+        job(
+            plot_walking_page,
+            output,
+            log,
+            inputs=dict(
+                crossings=input.crossings,
+                selection=input.selection,
+                unperturbed=input.unperturbed,
+                responses=input.responses,
+                table=input.table,
+            ),
+            arguments=dict(settings=TimingSettings(**params.settings)),
+            left_out=LeftOut(excluded=params.excluded),
+        )
 
 
 rule draw_figure:
@@ -135,12 +178,27 @@ rule draw_figure:
         "<logs>/figures/{figure}.log",
     localrule: True
     params:
-        name="{figure}",
         origin=lambda wildcards: sentence(ABOUT, below_figure=True),
         footer=CONFIG.figures.footer,
         made_by=MADE_BY,
     run:
-        job(draw_figure, input, output, params, log, "refused")
+        job(
+            draw_figure,
+            output,
+            log,
+            inputs=dict(table_csv=input.table_csv),
+            arguments=dict(
+                name=wildcards.figure,
+                outputs=[Path(file) for file in output.outputs],
+                origin=params.origin,
+                footer=params.footer,
+            ),
+            left_out=LeftOut(
+                argument="refused",
+                also_of=[Path(file) for file in input.fitted],
+                is_called_anyway=True,
+            ),
+        )
 
 
 rule captions:
@@ -158,7 +216,16 @@ rule captions:
         footer=lambda wildcards: sentence(ABOUT),
         made_by=MADE_BY,
     run:
-        job(write_captions, input, output, params, log)
+        job(
+            write_captions,
+            output,
+            log,
+            arguments=dict(
+                tables={name: Path(file) for name, file in params.tables.items()},
+                footer=params.footer,
+                output=Path(output.output),
+            ),
+        )
 
 
 rule report_page:
@@ -186,7 +253,30 @@ rule report_page:
         left_out=lambda wildcards: LEFT_OUT,
         made_by=MADE_BY,
     run:
-        job(write_report, input, output, params, log, "refused")
+        job(
+            write_report,
+            output,
+            log,
+            inputs=dict(
+                trials=by_name(input.trials),
+                series=by_name(input.series),
+                crossings=by_name(input.crossings),
+                tables=by_name(input.tables),
+                figures=by_name(input.figures),
+                verdicts=input.verdicts,
+                excluded=input.excluded,
+                findings=input.findings,
+                states=input.states,
+                summary=input.summary,
+            ),
+            arguments=dict(
+                about=params.about,
+                sheet=params.sheet,
+                left_out=params.left_out,
+                output=Path(output.output),
+            ),
+            left_out=LeftOut(argument="refused", is_called_anyway=True),
+        )
 
 
 rule methods:
@@ -208,7 +298,22 @@ rule methods:
         sheet=CAMPAIGN.rows,
         made_by=MADE_BY,
     run:
-        job(write_methods, input, output, params, log)
+        job(
+            write_methods,
+            output,
+            log,
+            inputs=dict(
+                tables=by_name(input.tables), summary=input.summary, captures=input.captures
+            ),
+            arguments=dict(
+                about=params.about,
+                settings=params.settings,
+                sheet=params.sheet,
+                markdown=Path(output.markdown),
+                tex=Path(output.tex),
+                bib=Path(output.bib),
+            ),
+        )
 
 
 rule brief:
@@ -228,7 +333,18 @@ rule brief:
         failed_trials=CONFIG.failed_trials,
         made_by=MADE_BY,
     run:
-        job(write_brief, input, output, params, log)
+        job(
+            write_brief,
+            output,
+            log,
+            inputs=dict(summary=input.summary, excluded=input.excluded, page=input.page),
+            arguments=dict(
+                recordings=params.recordings,
+                left_out=params.left_out,
+                failed_trials=params.failed_trials,
+                output=Path(output.output),
+            ),
+        )
 
 
 rule verdict:
@@ -245,4 +361,10 @@ rule verdict:
         failed_trials=CONFIG.failed_trials,
         made_by=MADE_BY,
     run:
-        job(end_run, input, output, params, log)
+        job(
+            end_run,
+            output,
+            log,
+            inputs=dict(summary=input.summary, brief=input.brief),
+            arguments=dict(failed_trials=params.failed_trials, verdict=Path(output.verdict)),
+        )

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of a simulated campaign, where the configuration names a `simulation`."""
 
+from osl_analysis.campaign.configuration import SharedChoices
 from osl_analysis.commands.simulate import simulate_planned_trial, write_sheet
 
 SIMULATED_FILES = []
@@ -19,7 +20,14 @@ if CONFIG.simulation:
         params:
             made_by=MADE_BY,
         run:
-            job(write_sheet, input, output, params, log)
+            job(
+                write_sheet,
+                output,
+                log,
+                inputs=dict(settings_path=input.settings_path),
+                arguments=dict(sheet=Path(output.sheet)),
+                simulates=True,
+            )
 
     rule simulate_dynamometer:
         """The log of a trial on the dynamometer, and the truth beside it."""
@@ -36,11 +44,21 @@ if CONFIG.simulation:
         priority: 1
         params:
             campaign_folder=lambda wildcards: str(CONFIG.raw_data),
-            trial="{trial}",
             followed=lambda wildcards: as_json(CONFIG.shared(experiment(wildcards).follows)),
             made_by=MADE_BY,
         run:
-            job(simulate_planned_trial, input, output, params, log)
+            job(
+                simulate_planned_trial,
+                output,
+                log,
+                inputs=dict(settings_path=input.settings_path),
+                arguments=dict(
+                    campaign_folder=Path(params.campaign_folder),
+                    trial=wildcards.trial,
+                    followed=SharedChoices(**params.followed),
+                ),
+                simulates=True,
+            )
 
     use rule simulate_dynamometer as simulate_actuator with:
         output:

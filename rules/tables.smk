@@ -12,6 +12,8 @@ from osl_analysis.commands.tables import (
     write_paper_table,
     write_summary,
 )
+from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.model.compensator import Weight
 
 
 rule table:
@@ -29,14 +31,25 @@ rule table:
         table=name_pattern(FILES.gathered_tables),
     localrule: True
     params:
-        name="{table}",
         limits=lambda wildcards: limits(wildcards.table),
         places=lambda wildcards: FILES.places_in(wildcards.table),
         excluded=lambda wildcards: excluded(FILES.places_in(wildcards.table)),
         faults=lambda wildcards: faults(FILES.places_in(wildcards.table)),
         made_by=MADE_BY,
     run:
-        job(gather, input, output, params, log, "not_analysed")
+        job(
+            gather,
+            output,
+            log,
+            inputs=dict(rows=input.rows, fits=input.fits, budget=input.budget),
+            arguments=dict(
+                name=wildcards.table,
+                limits=Limits(**params.limits) if params.limits else None,
+                places=params.places,
+                faults=params.faults,
+            ),
+            left_out=LeftOut(excluded=params.excluded, argument="not_analysed"),
+        )
 
 
 rule summary_table:
@@ -51,10 +64,15 @@ rule summary_table:
         table=name_pattern(DERIVED),
     localrule: True
     params:
-        name="{table}",
         made_by=MADE_BY,
     run:
-        job(derive, input, output, params, log)
+        job(
+            derive,
+            output,
+            log,
+            inputs=dict(table=input.table),
+            arguments=dict(name=wildcards.table),
+        )
 
 
 rule gains_table:
@@ -71,7 +89,13 @@ rule gains_table:
         weight=as_json(CONFIG.gain_weight),
         made_by=MADE_BY,
     run:
-        job(select_trajectory, input, output, params, log)
+        job(
+            select_trajectory,
+            output,
+            log,
+            inputs=dict(trajectory=input.trajectory, parameters=input.parameters or None),
+            arguments=dict(weight=Weight(**params.weight)),
+        )
 
 
 rule check_claims:
@@ -87,7 +111,12 @@ rule check_claims:
     params:
         made_by=MADE_BY,
     run:
-        job(check_claims, input, output, params, log)
+        job(
+            check_claims,
+            output,
+            log,
+            inputs=dict(tables=by_name(input.tables), claims=input.claims),
+        )
 
 
 rule settings_table:
@@ -102,7 +131,12 @@ rule settings_table:
         + CHANGED,
         made_by=MADE_BY,
     run:
-        job(list_settings, input, output, params, log)
+        job(
+            list_settings,
+            output,
+            log,
+            arguments=dict(states=params.states),
+        )
 
 
 rule excluded_trials:
@@ -121,7 +155,18 @@ rule excluded_trials:
         places=PLACES,
         made_by=MADE_BY,
     run:
-        job(list_excluded, input, output, params, log, "refused")
+        job(
+            list_excluded,
+            output,
+            log,
+            inputs=dict(tables=by_name(input.tables), verdicts=input.verdicts),
+            arguments=dict(sheet=params.sheet, places=params.places),
+            left_out=LeftOut(
+                argument="refused",
+                also_of=[Path(file) for file in input.fitted],
+                is_called_anyway=True,
+            ),
+        )
 
 
 rule findings:
@@ -143,7 +188,21 @@ rule findings:
         excluded=lambda wildcards: excluded(FILES.trials_for_findings),
         made_by=MADE_BY,
     run:
-        job(judge_campaign, input, output, params, log, "refused")
+        job(
+            judge_campaign,
+            output,
+            log,
+            inputs=dict(
+                tables=by_name(input.tables),
+                fits=input.fits,
+                budget=input.budget,
+                verdicts=input.verdicts,
+            ),
+            arguments=dict(limits=DoubtfulFits(**params.limits), places=params.places),
+            left_out=LeftOut(
+                excluded=params.excluded, argument="refused", is_called_anyway=True
+            ),
+        )
 
 
 rule headline_numbers:
@@ -169,7 +228,29 @@ rule headline_numbers:
         changed=CHANGED,
         made_by=MADE_BY,
     run:
-        job(write_summary, input, output, params, log, "refused")
+        job(
+            write_summary,
+            output,
+            log,
+            inputs=dict(
+                table_paths=by_name(input.table_paths),
+                trials=input.trials,
+                excluded=input.excluded,
+                findings=input.findings,
+                verdicts=input.verdicts,
+            ),
+            arguments=dict(
+                about=params.about,
+                sheet=params.sheet,
+                beside_draft=params.beside_draft,
+                settings=params.settings,
+                stated=params.stated,
+                changed=params.changed,
+                summary_json=Path(output.summary_json),
+                numbers_tex=Path(output.numbers_tex),
+            ),
+            left_out=LeftOut(argument="refused", is_called_anyway=True),
+        )
 
 
 rule table_for_paper:
@@ -190,4 +271,15 @@ rule table_for_paper:
         beside_draft=CAMPAIGN.beside_draft,
         made_by=MADE_BY,
     run:
-        job(write_paper_table, input, output, params, log)
+        job(
+            write_paper_table,
+            output,
+            log,
+            inputs=dict(tables=by_name(input.tables), parameters=input.parameters or None),
+            arguments=dict(
+                about=params.about,
+                beside_draft=params.beside_draft,
+                tex=Path(output.tex),
+                markdown=Path(output.markdown),
+            ),
+        )

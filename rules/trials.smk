@@ -3,6 +3,8 @@
 
 from osl_analysis.commands.tables import judge
 from osl_analysis.commands.trials import ingest_and_check
+from osl_analysis.ingest.quality import Commanded
+from osl_analysis.judge.recording_checks import QualityRules
 
 
 rule ingest:
@@ -23,10 +25,24 @@ rule ingest:
         commanded=lambda wildcards: CAMPAIGN.commanded(wildcards.trial),
         file_states=lambda wildcards: CAMPAIGN.file_states(wildcards.trial),
         sources=lambda wildcards: source_values(wildcards.trial),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job(ingest_and_check, input, output, params, log)
+        job(
+            ingest_and_check,
+            output,
+            log,
+            arguments=dict(
+                row=params.row,
+                raw_folder=Path(params.raw_folder),
+                sources_folder=Path(params.sources_folder),
+                needed_columns=params.needed_columns,
+                commanded=Commanded(**params.commanded),
+                trial=Path(output.trial),
+                quality=Path(output.quality),
+                data=CAMPAIGN.data,
+            ),
+            trial=TrialFiles(wildcards.trial, recordings_of(params.row, params.raw_folder)),
+        )
 
 
 rule judge:
@@ -34,7 +50,7 @@ rule judge:
     input:
         rows=FILES.checks(TRIALS),
     output:
-        output=QUALITY,
+        QUALITY,
     log:
         "<logs>/tables/quality.log",
     localrule: True
@@ -44,4 +60,13 @@ rule judge:
         places=PLACES,
         made_by=MADE_BY,
     run:
-        job(judge, input, output, params, log, "refused")
+        job(
+            judge,
+            output,
+            log,
+            inputs=dict(rows=input.rows),
+            arguments=dict(
+                rules=QualityRules(**params.rules), accept=params.accept, places=params.places
+            ),
+            left_out=LeftOut(argument="refused", is_called_anyway=True),
+        )

@@ -11,6 +11,14 @@ from osl_analysis.commands.walking import (
     select_crossings,
 )
 from osl_analysis.commands.walking_summary import summarise_perturbations
+from osl_analysis.judge.limits import Limits
+from osl_analysis.walking.walking_settings import (
+    CalibrationSettings,
+    CrossingSettings,
+    PlateModelSettings,
+    SelectionSettings,
+    TimingSettings,
+)
 
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 """Joint and side of every crossing."""
@@ -31,14 +39,26 @@ rule calibrate_markers:
     localrule: True
     params:
         settings=lambda wildcards: {
-            **CONFIG.walking.part("CalibrationSettings"),
+            **CONFIG.walking.part(CalibrationSettings),
             "side": PLACES[wildcards.trial]["side"],
         },
         body_mass_kg=cell("body_mass_kg"),
         excluded=lambda wildcards: excluded([wildcards.trial]),
         made_by=MADE_BY,
     run:
-        job(calibrate, input, output, params, log)
+        job(
+            calibrate,
+            output,
+            log,
+            inputs=dict(trial=input.trial),
+            arguments=dict(
+                settings=CalibrationSettings(**params.settings),
+                body_mass_kg=params.body_mass_kg,
+                output=Path(output.output),
+            ),
+            left_out=LeftOut(excluded=params.excluded),
+            trial=TrialFiles(wildcards.trial, [Path(input.trial)]),
+        )
 
 
 rule identify_plate:
@@ -54,11 +74,22 @@ rule identify_plate:
     localrule: True
     params:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PLATE_TRIALS},
-        settings=CONFIG.walking.part("PlateModelSettings"),
+        settings=CONFIG.walking.part(PlateModelSettings),
         excluded=lambda wildcards: excluded(PLATE_TRIALS),
         made_by=MADE_BY,
     run:
-        job(identify_plate, input, output, params, log)
+        job(
+            identify_plate,
+            output,
+            log,
+            inputs=dict(trials=input.trials, calibrations=input.calibrations),
+            arguments=dict(
+                statics=params.statics,
+                settings=PlateModelSettings(**params.settings),
+                output=Path(output.output),
+            ),
+            left_out=LeftOut(excluded=params.excluded),
+        )
 
 
 rule find_timing:
@@ -75,11 +106,24 @@ rule find_timing:
     localrule: True
     params:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PERTURBED},
-        settings=CONFIG.walking.part("CrossingSettings"),
+        settings=CONFIG.walking.part(CrossingSettings),
         excluded=lambda wildcards: excluded(PERTURBED),
         made_by=MADE_BY,
     run:
-        job(find_timing, input, output, params, log)
+        job(
+            find_timing,
+            output,
+            log,
+            inputs=dict(
+                trials=input.trials, calibrations=input.calibrations, plate=input.plate
+            ),
+            arguments=dict(
+                statics=params.statics,
+                settings=CrossingSettings(**params.settings),
+                output=Path(output.output),
+            ),
+            left_out=LeftOut(excluded=params.excluded),
+        )
 
 
 rule analyse_crossing:
@@ -94,13 +138,31 @@ rule analyse_crossing:
     log:
         "<logs>/crossings/{trial}.log",
     params:
-        settings=CONFIG.walking.part("CrossingSettings"),
+        settings=CONFIG.walking.part(CrossingSettings),
         perturbed=cell("perturbed"),
         direction=cell("direction"),
         body_mass_kg=cell("body_mass_kg"),
         made_by=MADE_BY,
     run:
-        job(analyse, input, output, params, log)
+        job(
+            analyse,
+            output,
+            log,
+            inputs=dict(
+                trial=input.trial,
+                calibration=input.calibration,
+                plate=input.plate,
+                timing=input.timing,
+            ),
+            arguments=dict(
+                settings=CrossingSettings(**params.settings),
+                perturbed=params.perturbed,
+                direction=params.direction,
+                body_mass_kg=params.body_mass_kg,
+                output=Path(output.output),
+            ),
+            trial=TrialFiles(wildcards.trial, [Path(input.trial)]),
+        )
 
 
 rule select_crossings:
@@ -114,14 +176,26 @@ rule select_crossings:
         "<logs>/walking/selection.log",
     localrule: True
     params:
-        settings=CONFIG.walking.part("SelectionSettings"),
+        settings=CONFIG.walking.part(SelectionSettings),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
         excluded=lambda wildcards: excluded(WALKED),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job(select_crossings, input, output, params, log)
+        job(
+            select_crossings,
+            output,
+            log,
+            inputs=dict(crossings=input.crossings),
+            arguments=dict(
+                settings=SelectionSettings(**params.settings),
+                sheet=params.sheet,
+                places=params.places,
+                data=CAMPAIGN.data,
+                output=Path(output.output),
+            ),
+            left_out=LeftOut(excluded=params.excluded),
+        )
 
 
 rule average_unperturbed:
@@ -140,7 +214,14 @@ rule average_unperturbed:
         excluded=lambda wildcards: excluded(UNPERTURBED),
         made_by=MADE_BY,
     run:
-        job(average_unperturbed, input, output, params, log)
+        job(
+            average_unperturbed,
+            output,
+            log,
+            inputs=dict(crossings=input.crossings, selection=input.selection),
+            arguments=dict(fewest=params.fewest, output=Path(output.output)),
+            left_out=LeftOut(excluded=params.excluded),
+        )
 
 
 rule fit_perturbation:
@@ -154,11 +235,25 @@ rule fit_perturbation:
     log:
         "<logs>/walking/{trial}.log",
     params:
-        settings=CONFIG.walking.part("TimingSettings"),
-        data=CAMPAIGN.data,
+        settings=CONFIG.walking.part(TimingSettings),
         made_by=MADE_BY,
     run:
-        job(fit_perturbation, input, output, params, log)
+        job(
+            fit_perturbation,
+            output,
+            log,
+            inputs=dict(
+                crossing=input.crossing,
+                selection=input.selection,
+                unperturbed=input.unperturbed,
+            ),
+            arguments=dict(
+                settings=TimingSettings(**params.settings),
+                data=CAMPAIGN.data,
+                output=Path(output.output),
+            ),
+            trial=TrialFiles(wildcards.trial, [Path(input.crossing)]),
+        )
 
 
 rule summarise_walking:
@@ -181,19 +276,38 @@ rule summarise_walking:
         "<logs>/walking/summary.log",
     localrule: True
     params:
-        settings=CONFIG.walking.part("TimingSettings"),
+        settings=CONFIG.walking.part(TimingSettings),
         limits=limits("walking_groups"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
         has_drivetrain=bool(CONFIG.parameters),
         excluded=lambda wildcards: excluded(PERTURBED),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(
             summarise_perturbations,
-            input,
             output,
-            params,
             log,
+            inputs=dict(
+                table=input.table,
+                crossings=input.crossings,
+                selection=input.selection,
+                unperturbed=input.unperturbed,
+                plate=input.plate,
+                timing=input.timing,
+                trajectory=input.trajectory,
+            ),
+            arguments=dict(
+                settings=TimingSettings(**params.settings),
+                limits=Limits(**params.limits),
+                sheet=params.sheet,
+                places=params.places,
+                has_drivetrain=params.has_drivetrain,
+                data=CAMPAIGN.data,
+                output=Path(output.output),
+                responses=Path(output.responses),
+                groups=Path(output.groups),
+                budget=Path(output.budget),
+            ),
+            left_out=LeftOut(excluded=params.excluded),
         )

@@ -40,6 +40,7 @@ NAMES = (
     *("phase", "trajectory", "K_d", "B_d"),
 )
 NAMES_DIGITS = 6  # of a number in a row's name
+SHOWN = 60  # characters of a text that are printed
 TIME = "time"  # the column of a table of signals
 
 
@@ -155,6 +156,11 @@ def half_widths_of(table: pl.DataFrame, column: str) -> np.ndarray | None:
     return (numbers_of(table[high]) - numbers_of(table[low])) / 2
 
 
+def shown(text: str) -> str:
+    """A cell as it is printed."""
+    return repr(text if len(text) <= SHOWN else f"{text[:SHOWN]}…")
+
+
 def compare_column(
     before: pl.DataFrame, after: pl.DataFrame, column: str, names: list[str], tolerance: float
 ) -> Difference | None:
@@ -187,7 +193,7 @@ def compare_column(
         cells=int(differs.sum()),
         size=np.nan if differs_in_text.any() else share.max(),
         half_widths=moved_by,
-        example=f"{names[worst]}: {texts_before[worst]!r} → {texts_after[worst]!r}",
+        example=f"{names[worst]}: {shown(texts_before[worst])} → {shown(texts_after[worst])}",
     )
 
 

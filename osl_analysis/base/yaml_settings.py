@@ -17,7 +17,6 @@ import yaml
 from pydantic import (
     AfterValidator,
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Field,
     NonNegativeFloat,
@@ -51,13 +50,8 @@ ShippedPath = Annotated[Path, AfterValidator(shipped)]
 `config/config.yaml`."""
 
 
-def by_stem(files: Any) -> Any:
-    """Files by the stems of their names; a mapping as it is."""
-    return {Path(file).stem: file for file in files} if isinstance(files, list) else files
-
-
-FilesByName = Annotated[Mapping[str, Path], BeforeValidator(by_stem)]
-"""Files that a rule lists, and their command takes by name."""
+FilesByName = Mapping[str, Path]
+"""Files of a kind, by the stems of their names."""
 # Keys and numbers of list entries that lead to a field, from the outermost.
 Place = tuple[int | str, ...]
 FILE_NAME = r"^[A-Za-z0-9_-]+$"
@@ -91,11 +85,10 @@ class Settings(BaseModel):
                 )
         return content
 
-    def part(self, base: str) -> dict[str, Any]:
-        """The fields of the base class of this name, as JSON, for a job that uses only these: a
-        rule of Snakemake imports no settings model."""
-        model: Any = next(model for model in type(self).__mro__ if model.__name__ == base)
-        return self.model_dump(mode="json", include=set(model.model_fields))
+    def part(self, base: "type[Settings]") -> dict[str, Any]:
+        """The fields of a base class as JSON, for a job that uses only these: a change of others
+        does not make its results anew."""
+        return self.model_dump(mode="json", include=set(base.model_fields))
 
 
 def without_truth_values(content: Any) -> Any:

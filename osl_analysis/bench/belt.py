@@ -22,6 +22,7 @@ from osl_analysis.signals.filters import runs
 from osl_analysis.signals.grid import BRIDGE_MORE, uniform_signals
 from osl_analysis.stats.budget import Contribution, Row
 from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.sources import Source
 
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
 STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_loading": "omega"}
@@ -79,7 +80,7 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
     belt, early, late = analyses
     fits = {
         label: fit.with_known_error(
-            "loading_begins", (late.fits[label].estimates - early.fits[label].estimates) / 2
+            Source.LOADING_BEGINS, (late.fits[label].estimates - early.fits[label].estimates) / 2
         )
         for label, fit in belt.fits.items()
     }
@@ -119,7 +120,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
         of_branch = s.chosen(s.groups.of(branch))
         of_ramp = of_branch.estimates([*model.values()], "ramp")
         fit = least_squares(of_branch, model)
-        fits[branch] = fit.with_known_error("load_cell_drift", drift * of_ramp)
+        fits[branch] = fit.with_known_error(Source.LOAD_CELL_DRIFT, drift * of_ramp)
     return Analysis(record, s, model, fits, "loading")
 
 
@@ -218,7 +219,7 @@ def belt_table(belt: Analysis) -> dict[str, pl.DataFrame]:
     stiffening = 2 * of_square * peak / of_line
     bent = abs(of_square) * peak  # half of the range of slopes, from rest to the peak
     budgets["K_s"] = budgets["K_s"].plus(
-        Contribution("nonlinear_spring", bent, basis="measured", part="motion")
+        Contribution(Source.NONLINEAR_SPRING, bent, basis="measured", part="motion")
     )
     row: Row = {
         "trial": record.name,

@@ -112,6 +112,7 @@ class Fixture(Settings):
     rest_deg: Annotated[float, Field(ge=-180, le=360)] = 0.0  # angle [deg] at which it hangs
     inertia_error: NotNegative = 0.0  # standard uncertainty [kg*m^2]; 0: not stated
     weight_error: NotNegative = 0.0  # standard uncertainty [N*m]; 0: not stated
+    rest_error_deg: NotNegative = 0.0  # standard uncertainty [deg]; 0: not stated
 
 
 class BenchAnalysis(FilterSettings):

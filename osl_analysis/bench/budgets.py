@@ -16,7 +16,7 @@ from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.lags import Belt
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
-from osl_analysis.inference import ImpedanceInference
+from osl_analysis.inference import Family, ImpedanceInference, ModelName
 from osl_analysis.stats.budget import (
     DOUBT,
     LIKELY,
@@ -31,18 +31,22 @@ from osl_analysis.stats.budget import (
 )
 from osl_analysis.stats.linear_fit import FALSE_ALARM
 from osl_analysis.stats.rounding import significant
+from osl_analysis.stats.sources import Source
 
-VISCOELASTIC = "viscoelastic branch"
 # candidate models that are properties of a joint, and no faults
-PROPERTIES = ("nonlinear spring", "K by side", "damping by speed", VISCOELASTIC)
-SPRING = "spring in series"  # of a bench that yields, or of a series elastic joint: none can tell
-ERROR_SOURCES = {
-    "path": "torque_path",
-    "time": "change_over_time",
-    "speed": "play_or_speed",
-    "size": "nonlinear_spring",
-    "direction": "play_or_speed",
-    "clipping": "clipped_signal",
+PROPERTIES = (
+    ModelName.NONLINEAR_SPRING,
+    ModelName.K_BY_SIDE,
+    ModelName.DAMPING_BY_SPEED,
+    ModelName.VISCOELASTIC_BRANCH,
+)
+ERROR_SOURCES: Mapping[Family, Source] = {
+    "path": Source.TORQUE_PATH,
+    "time": Source.CHANGE_OVER_TIME,
+    "speed": Source.PLAY_OR_SPEED,
+    "size": Source.NONLINEAR_SPRING,
+    "direction": Source.PLAY_OR_SPEED,
+    "clipping": Source.CLIPPED_SIGNAL,
 }
 """By family of candidate models, the source."""
 LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told
@@ -73,30 +77,30 @@ def half_width_of(name: str) -> pl.Expr:
     return (pl.col(f"{name}_high") - pl.col(f"{name}_low")) / 2
 
 
-def stated_models(record: Record) -> set[str]:
+def stated_models(record: Record) -> set[ModelName]:
     """The candidate models that what is stated of the bench rules out.
 
     A delay that was inferred, as from the beat of a held channel, rules out none. A known spring
     shows the delay, the low-pass and the frame at once.
     """
     settings = record.settings
-    stated: set[str] = set()
+    stated: set[ModelName] = set()
     if settings.bench_stiffness is not None:
-        stated.add(SPRING)
+        stated.add(ModelName.SPRING_IN_SERIES)
     if settings.calibration.tells_delay:
-        stated.update(("delay", "low-pass", SPRING))
+        stated |= {ModelName.DELAY, ModelName.LOW_PASS, ModelName.SPRING_IN_SERIES}
     taken = record.signals.taken if record.signals else ()
     for part in taken:
         for sensor in part.stream.stated.values():
             if "delay" in sensor:  # a stated 0 is a statement, too
-                stated.add("delay")
+                stated.add(ModelName.DELAY)
             if "low_pass" in sensor:
-                stated.add("low-pass")
+                stated.add(ModelName.LOW_PASS)
     return stated
 
 
 def alternatives(
-    joint: ImpedanceInference | None, stated: Collection[str], k: int, value: float
+    joint: ImpedanceInference | None, stated: Collection[ModelName], k: int, value: float
 ) -> list[Contribution]:
     """What the candidate models of Eq. 15 would make of K, B or I (k = 0, 1, 2), each with its
     probability, and what torque that none of them explains could, whose bound is a rectangular
@@ -112,16 +116,21 @@ def alternatives(
     of_property: list[Contribution] = []
     for each in joint.alternatives:
         # one as improbable as a false alarm makes no doubt, and has no row
-        least = DOUBT if each.name == SPRING else FALSE_ALARM
+        is_spring = each.name == ModelName.SPRING_IN_SERIES
+        least = DOUBT if is_spring else FALSE_ALARM
         if each.name in stated or each.probability < least:
             continue
         is_property = each.name in PROPERTIES
         size = min(float(each.change[k]), most) / (2 if is_property else 1)  # half of a range
         rows = of_property if is_property else found
+        source = ERROR_SOURCES[each.family]
+        if each.name == ModelName.VISCOELASTIC_BRANCH:
+            source = Source.VISCOELASTIC
         rows.append(
             Contribution(
-                source="viscoelastic" if each.name == VISCOELASTIC else ERROR_SOURCES[each.family],
-                standard=None if each.name == SPRING else size,
+                source=source,
+                # nothing tells a bench that yields from a series elastic joint
+                standard=None if is_spring else size,
                 basis="weighed",
                 part="motion" if is_property else "fault",
                 probability=each.probability,
@@ -131,7 +140,7 @@ def alternatives(
     if sum(each.probability for each in of_property) > LIKELY:
         found.append(of_property[0])
     bound = min(joint.unexplained[k] / np.sqrt(3), most)
-    found.append(Contribution("unexplained_torque", bound, basis="bound", part="fault"))
+    found.append(Contribution(Source.UNEXPLAINED_TORQUE, bound, basis="bound", part="fault"))
     return found
 
 
@@ -141,7 +150,7 @@ def other_stamps(analysis: Analysis, name: str) -> list[Contribution]:
     if analysis.other is None or name not in analysis.other.whole.names:
         return []
     bound = float(abs(analysis.other.whole[name] - analysis.whole[name]) / np.sqrt(3))
-    return [Contribution("undecided_time_stamps", bound, basis="bound", part="fault")]
+    return [Contribution(Source.UNDECIDED_TIME_STAMPS, bound, basis="bound", part="fault")]
 
 
 @dataclass(frozen=True)
@@ -162,7 +171,7 @@ def over_motion(evidence: Evidence, name: str) -> list[Contribution]:
     stiffening spring, or backlash, changes K alone."""
     if name not in evidence.ranges:
         return []
-    sizes = {"amplitude": np.ptp(evidence.ranges[name]) / 2}  # over frequencies, too
+    sizes = {Source.AMPLITUDE: np.ptp(evidence.ranges[name]) / 2}  # over frequencies, too
     fits = evidence.analysis.fits
     labels = sorted(label for label in fits if isinstance(label, float))
     if len(labels) > 1:
@@ -175,7 +184,7 @@ def over_motion(evidence: Evidence, name: str) -> list[Contribution]:
         change = changes.get(name, 0.0)
         is_friction = change < 0 and changes["B"] < 0
         if is_friction or name == "K":
-            source = "friction" if is_friction else "nonlinear_spring"
+            source = Source.FRICTION if is_friction else Source.NONLINEAR_SPRING
             sizes[source] = abs(change) / 2
     return [
         Contribution(source, size, basis="measured", part="motion")
@@ -197,7 +206,9 @@ def certain_lag(evidence: Evidence, name: str) -> list[Contribution]:
     if name == "I":
         by = (whole["B"] + by / 2) * lag_s
     detail = f"a lag of {significant(1e3 * lag_s, 3)} ms behind the angle"
-    return [Contribution("late_torque", abs(by), basis="measured", part="fault", detail=detail)]
+    return [
+        Contribution(Source.LATE_TORQUE, abs(by), basis="measured", part="fault", detail=detail)
+    ]
 
 
 def has_clocks_of_several_rates(record: Record) -> bool:
@@ -212,6 +223,13 @@ def has_clocks_of_several_rates(record: Record) -> bool:
     return bool(np.ptp(of_clocks or [0.0]))
 
 
+def has_stated_fixture(record: Record) -> bool:
+    """Whether configuration or sheet states what turns with the joint, as nothing by a 0."""
+    taken = record.signals.taken if record.signals else ()
+    is_in_sheet = any("fixture" in facts for part in taken for facts in part.stream.stated.values())
+    return record.settings.fixture is not None or is_in_sheet
+
+
 def unchecked(evidence: Evidence, name: str) -> list[Contribution]:
     """What this recording does not tell of an estimate, by source. Only a statement, or a
     measurement by another sensor, takes a source out; what the candidate models infer does not."""
@@ -222,19 +240,19 @@ def unchecked(evidence: Evidence, name: str) -> list[Contribution]:
     lag = evidence.belt.lag
     # a belt that tells the lag so badly that it may be a tenth of B
     is_untold = lag is None or K * lag.half_width("lag_s") > LARGE_DELAY * abs(B)
-    if is_untold and "delay" not in stated_models(record):
-        rows.append(unknown("late_torque", "ms", B=1e-3 * K, I=1e-3 * B))
+    if is_untold and ModelName.DELAY not in stated_models(record):
+        rows.append(unknown(Source.LATE_TORQUE, "ms", B=1e-3 * K, I=1e-3 * B))
     if not settings.calibration.torque_gain and not evidence.gains_are_known:
-        rows.append(unknown("wrong_gain", "%", K=0.01 * K, B=0.01 * B, I=0.01 * I))
+        rows.append(unknown(Source.WRONG_GAIN, "%", K=0.01 * K, B=0.01 * B, I=0.01 * I))
     if not has_clocks_of_several_rates(record):
-        rows.append(unknown("clocks_disagree", "%", B=0.01 * B, I=0.02 * I))
-    if settings.fixture is None:
-        rows.append(unknown("fixture_inertia", "N*m", K=1.0))
-        rows.append(unknown("fixture_inertia", "kg*m^2", I=1.0))
+        rows.append(unknown(Source.CLOCKS_DISAGREE, "%", B=0.01 * B, I=0.02 * I))
+    if not has_stated_fixture(record):
+        rows.append(unknown(Source.FIXTURE_INERTIA, "N*m", K=1.0))
+        rows.append(unknown(Source.FIXTURE_INERTIA, "kg*m^2", I=1.0))
     if evidence.joint is None:
-        rows.append(unknown("change_over_time", K=0.0))
+        rows.append(unknown(Source.CHANGE_OVER_TIME, K=0.0))
     if evidence.friction.is_untold:
-        rows.append(unknown("friction", B=0.0))
+        rows.append(unknown(Source.FRICTION, B=0.0))
     return [of_source[name] for of_source in rows if name in of_source]
 
 
@@ -261,6 +279,6 @@ def with_other_contributions(evidence: Evidence, own: Mapping[str, Budget]) -> d
             complete[without] = less.budget(name).plus(*over_motion(evidence, without), *common)
             half = abs(own[name].value - less[name]) / 2
             complete[name] = complete[name].plus(
-                Contribution("friction", half, basis="measured", part="motion")
+                Contribution(Source.FRICTION, half, basis="measured", part="motion")
             )
     return complete

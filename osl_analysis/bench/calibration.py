@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import polars as pl
 
-from osl_analysis.base.errors import InputError
+from osl_analysis.base.errors import IdentifiabilityError, InputError
 from osl_analysis.base.trial import Trial
 from osl_analysis.bench.bench_settings import (
     BenchStiffness,
@@ -17,13 +17,15 @@ from osl_analysis.bench.bench_settings import (
     ImpedanceAnalysis,
 )
 from osl_analysis.bench.budgets import fit_tables
-from osl_analysis.bench.impedance import Analysis, with_encoder_errors
+from osl_analysis.bench.impedance import Analysis, fit_all_groups, with_encoder_errors
 from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
+    SLOW,
     Model,
+    columns_of,
     gram_sums,
     least_squares,
     sums_of,
@@ -31,6 +33,7 @@ from osl_analysis.bench.regression import (
 from osl_analysis.signals.grid import origin, uniform_signals
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.sources import Source
 
 LEAST_FRICTION = 1e-3  # of the torque's SD; what a sound calibration's friction is negative by
 
@@ -167,7 +170,7 @@ def known_row(
         middle_hz = np.sqrt(record.band_hz[0] * record.band_hz[1])
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
         loss = np.array([lag_of_loss_s, 0.0, 0.0, 0.0])
-        fit = fit.with_known_error("spring_loss", loss)
+        fit = fit.with_known_error(Source.SPRING_LOSS, loss)
 
     low, high = counted.interval("T_C")
     if high < -LEAST_FRICTION * np.std(record.filtered_torque):
@@ -257,7 +260,7 @@ def bench_estimates(fit: LinearFit, known: Known) -> LinearFit:
         }
     )
     of_known = known.share * np.array([0.0, gain, other - taken, 0.0])
-    return found.with_known_error("known_part", of_known)
+    return found.with_known_error(Source.KNOWN_PART, of_known)
 
 
 def error_to_state(fit: LinearFit, name: str) -> float:
@@ -270,10 +273,8 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> tuple[Row, dict[s
     """Inertia and weight of a fixture that turns alone, the angle at which it hangs, and how far a
     stated fixture is from them.
 
-    K of Eq. 15 is the slope of the weight's torque in the middle of the motion. It hangs there, or
-    opposite, where that torque falls with the angle. No small motion tells it from another one with
-    the same slope. A stated fixture is off in its units, and at most in multiples of what the
-    intervals of both, or `SAME_FIXTURE`, leave open.
+    A stated fixture is off in its units, and at most in multiples of what the intervals of both, or
+    `SAME_FIXTURE`, leave open.
 
     Raises
     ------
@@ -283,37 +284,119 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> tuple[Row, dict[s
     record = analysis.record
     of_joint = analysis.calibrated[None]
     check_resists(record.name, "I", of_joint["I"], of_joint.interval("I")[1])
-    middle_deg = np.rad2deg(record.motion.theta[record.is_fitted()].mean())
-    hangs = of_joint["K"] >= 0
-    rest_deg = middle_deg if hangs else middle_deg + 180
-    fit = of_joint.derived(
-        {
-            "inertia": (of_joint["I"], {"I": 1.0}),
-            "weight": (abs(of_joint["K"]), {"K": 1.0 if hangs else -1.0}),
-        }
-    )
+    fit = fixture_by_sine(record)
+    budgets = {}
+    rest_error = ""
+    if fit is None:
+        fit = fixture_about_middle(analysis)
+    else:
+        budgets["rest_deg"] = fit.budget("rest_deg")
+        rest_error = f", rest_error_deg: {error_to_state(fit, 'rest_deg'):.2g}"
+    budgets.update({name: fit.budget(name) for name in ("inertia", "weight")})
     row: Row = {
-        "rest_deg": rest_deg,
+        "rest_deg": fit["rest_deg"],
         "to_state": (
             f"fixture: {{inertia: {max(fit['inertia'], 0.0):.4g}, weight: {fit['weight']:.4g},"
-            f" rest_deg: {rest_deg:.3g}, inertia_error: {error_to_state(fit, 'inertia'):.2g},"
-            f" weight_error: {error_to_state(fit, 'weight'):.2g}}}"
+            f" rest_deg: {fit['rest_deg']:.3g},"
+            f" inertia_error: {error_to_state(fit, 'inertia'):.2g},"
+            f" weight_error: {error_to_state(fit, 'weight'):.2g}{rest_error}}}"
         ),
     }
     if stated is not None:
-        multiples = []
-        for name in fit.names:
-            off = getattr(stated, name) - fit[name]
-            half_widths = (fit.half_width(name), 2 * getattr(stated, f"{name}_error"))
-            multiples.append(abs(off) / max(np.hypot(*half_widths), SAME_FIXTURE * abs(fit[name])))
-        row["fixture_error"] = max(multiples)
-    return row, {name: fit.budget(name) for name in fit.names}
+        row["fixture_error"] = fixture_error(fit, stated)
+    return row, budgets
+
+
+def fixture_error(fit: LinearFit, stated: Fixture) -> float:
+    """How far a stated fixture is from the fitted one: the largest error of inertia and weight over
+    what the intervals of both, or `SAME_FIXTURE`, leave open. A weight is a vector that hangs: it
+    is off along the fitted one, and across it."""
+    weight = fit["weight"]
+    turned = np.deg2rad(stated.rest_deg - fit["rest_deg"])
+    errors = {  # error, half-width of the fit's interval, that of what is stated, size
+        "inertia": (
+            stated.inertia - fit["inertia"],
+            fit.half_width("inertia"),
+            2 * stated.inertia_error,
+            fit["inertia"],
+        ),
+        "along": (
+            stated.weight * np.cos(turned) - weight,
+            fit.half_width("weight"),
+            2 * stated.weight_error,
+            weight,
+        ),
+        "across": (
+            stated.weight * np.sin(turned),
+            weight * np.deg2rad(fit.half_width("rest_deg")),
+            2 * stated.weight * np.deg2rad(stated.rest_error_deg),
+            weight,
+        ),
+    }
+    return max(
+        abs(error) / max(float(np.hypot(of_fit, of_stated)), SAME_FIXTURE * abs(size))
+        for error, of_fit, of_stated, size in errors.values()
+    )
+
+
+def fixture_by_sine(record: Record) -> LinearFit | None:
+    """`inertia` [kg*m^2], `weight` [N*m] and `rest_deg` [deg] by the torque that will be taken off,
+    I alpha + w sin(theta - rest), beside losses, offset and drift; None where the motion does not
+    tell where the weight hangs more closely than its own range."""
+    theta = record.motion.theta
+    columns = {**columns_of(record), "sine": np.sin(theta), "cosine": np.cos(theta)}
+    model = {"I": "alpha", "B": "omega", "sine": "sine", "cosine": "cosine", **SLOW}
+    sums = gram_sums(record, columns, record.angle_noise)
+    try:
+        fit = fit_all_groups(record, model, sums).calibrated[None]
+    except IdentifiabilityError:  # within a small motion a cosine is like an offset
+        return None
+    of_sine, of_cosine = fit["sine"], fit["cosine"]  # w cos(rest) and -w sin(rest)
+    weight = float(np.hypot(of_sine, of_cosine))
+    by_sine, by_cosine = of_sine / weight, of_cosine / weight
+    of_rest = np.rad2deg(np.array([by_cosine, -by_sine]) / weight)
+    rest_deg = float(np.rad2deg(np.arctan2(-of_cosine, of_sine)))
+    rest_deg = (rest_deg + 90) % 360 - 90  # upright is 180
+    fixture = fit.derived(
+        {
+            "inertia": (fit["I"], {"I": 1.0}),
+            "weight": (weight, {"sine": by_sine, "cosine": by_cosine}),
+            "rest_deg": (
+                rest_deg,
+                {"sine": of_rest[0], "cosine": of_rest[1]},
+            ),
+        }
+    )
+    range_deg = np.rad2deg(np.ptp(theta[record.is_fitted()]))
+    return fixture if 2 * fixture.half_width("rest_deg") < range_deg else None
+
+
+def fixture_about_middle(analysis: Analysis) -> LinearFit:
+    """The same where the motion does not tell where the weight hangs: it is taken to hang in the
+    middle of the motion, or opposite where its torque falls with the angle. No small motion tells
+    it from another one with the same slope there."""
+    record = analysis.record
+    theta = record.motion.theta
+    middle = float(theta[record.is_fitted()].mean())
+    columns = {**columns_of(record), "sine": np.sin(theta - middle)}
+    sums = gram_sums(record, columns, record.angle_noise)
+    model = {"I": "alpha", "B": "omega", "sine": "sine", **SLOW}
+    fit = fit_all_groups(record, model, sums).calibrated[None]
+    hangs = fit["sine"] >= 0
+    rest_deg = float(np.rad2deg(middle)) + (0.0 if hangs else 180.0)
+    return fit.derived(
+        {
+            "inertia": (fit["I"], {"I": 1.0}),
+            "weight": (abs(fit["sine"]), {"sine": 1.0 if hangs else -1.0}),
+            "rest_deg": (rest_deg, {"sine": 0.0}),
+        }
+    )
 
 
 def with_fixture(trial: Trial, fixture: Fixture) -> Trial:
     """Let the time base take the fixture of the settings off the torque; one that the sheet states
     for this trial comes first."""
-    if "torque" not in trial.columns or origin(trial, "torque").get("fixture"):
+    if "torque" not in trial.columns or "fixture" in origin(trial, "torque"):
         return trial
     # arguments of `signals.grid.fixture_torque`
     stated = fixture.model_dump(include={"inertia", "weight", "rest_deg"})
@@ -323,7 +406,9 @@ def with_fixture(trial: Trial, fixture: Fixture) -> Trial:
 
 
 def fixture_column(trial: Trial) -> pl.Expr:
-    """The column `fixture`: what is taken off the torque, in words; null if nothing is."""
-    fixture = origin(trial, "torque").get("fixture") or {}
+    """The column `fixture`: what is taken off the torque, in words; null if nothing is stated."""
+    fixture = origin(trial, "torque").get("fixture")
+    if fixture is None:
+        return pl.lit(None, pl.String).alias("fixture")
     parts = [f"{name} {value:g}" for name, value in fixture.items() if value]
-    return pl.lit(", ".join(parts) or None, pl.String).alias("fixture")
+    return pl.lit(", ".join(parts) or "none", pl.String).alias("fixture")

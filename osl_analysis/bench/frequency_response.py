@@ -25,6 +25,7 @@ from osl_analysis.model.drivetrain import Spectrum
 from osl_analysis.signals.filters import runs
 from osl_analysis.stats.budget import Budget, Contribution, Row, scatter, welch_satterthwaite
 from osl_analysis.stats.linear_fit import products_between
+from osl_analysis.stats.sources import Source
 
 WINDOW_S = 4.0  # s; of a motion that is no stepped sine
 DISTINCT_LINES = 2  # lines of a Hann window, of which each depends on its neighbours
@@ -80,7 +81,7 @@ class Response:
         ):
             own = float(np.linalg.norm(changes[: -len(of_bench)]))
             shared = float(np.linalg.norm(changes[-len(of_bench) :]))
-            parts = (scatter(own, self.freedom), Contribution("bench", shared, shared=True))
+            parts = (scatter(own, self.freedom), Contribution(Source.BENCH, shared, shared=True))
             row |= Budget(value, parts).columns(name)
         return row
 

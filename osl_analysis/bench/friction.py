@@ -41,6 +41,7 @@ from osl_analysis.inference.actuator import MISSED_OF_FRICTION, deviations
 from osl_analysis.inference.spectra import FRICTION_WINDS, slipping_springs
 from osl_analysis.stats.budget import welch_satterthwaite
 from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.sources import Source
 
 AT_REST = 0.1  # SD of the velocity, below which a joint rests
 # share of the rows at rest, above which it mostly rests: 0.77 to 0.87 under binary steps, of ramps
@@ -109,7 +110,9 @@ def coulomb_fit(s: Sums, analysis: Analysis) -> DryFriction:
         of_sharp = without_friction(sharp, model, friction_beside(sharp, model)).estimates
     except IdentifiabilityError:
         return DryFriction(s, is_untold=True)
-    fit = with_errors_of(analysis, fit.with_known_error("friction_sign", of_sharp - fit.estimates))
+    fit = with_errors_of(
+        analysis, fit.with_known_error(Source.FRICTION_SIGN, of_sharp - fit.estimates)
+    )
     return DryFriction(s, fit, size=fit["T_C"])
 
 
@@ -224,18 +227,21 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> DryF
     theta = coarse.motion.theta
     wound = theta + kappa / stiffness * theta_m
     (hysteresis,) = slipping_springs(wound, FRICTION_WINDS[-1:])
-    # friction and the belt's hysteresis look alike: how much is whose is told within these bounds
-    bounds = np.array([actuator.angles(theta, z, coarse.rate_hz) for z in (hysteresis, 0 * theta)])
-    torques = kappa * (theta_m - bounds.mean(axis=0))
-    of_hysteresis = kappa * (bounds[0, 0] - bounds[1, 0]) / 2
-    sums = gram_sums(coarse, {**columns, "T_C": torques[0]}, record.angle_noise)
+    # friction and the belt's hysteresis look alike: how much is whose is told between all of the
+    # hysteresis and none. Angles are linear in it, so that half of it makes their mean
+    torques = kappa * (theta_m - actuator.angles(theta, hysteresis / 2, coarse.rate_hz))
+    by_all_blocks = replace(actuator, coefficients=actuator.coefficients[:1])
+    (half_range,) = by_all_blocks.angles(0 * theta, hysteresis / 2, coarse.rate_hz)
+    hysteresis_torque = kappa * half_range
+    with_friction = {**columns, "T_C": torques[0]}
+    sums = gram_sums(coarse, with_friction, record.angle_noise, keep_fast=True)
     fit = least_squares(sums.less("T_C", 1.0), IMPEDANCE)
     by_torque = np.linalg.pinv(X[:, rows].T)
     of_blocks = deviations(torques[:, rows] @ by_torque.T)
     of_formula = MISSED_OF_FRICTION * (analysis.whole.estimates - fit.estimates)
-    of_bounds = by_torque @ of_hysteresis[rows] / np.sqrt(3)  # a rectangular distribution
+    of_bounds = by_torque @ hysteresis_torque[rows] / np.sqrt(3)  # a rectangular distribution
     errors = np.vstack([of_blocks, of_formula, of_bounds])
-    fit = fit.with_known_error("friction_shape", np.linalg.norm(errors, axis=0))
+    fit = fit.with_known_error(Source.FRICTION_SHAPE, np.linalg.norm(errors, axis=0))
     return DryFriction(sums, with_errors_of(analysis, fit))
 
 
@@ -268,7 +274,7 @@ def with_other_shapes(fit: LinearFit, joint: ImpedanceInference) -> LinearFit:
     """A joint's fit without friction, with what friction of another shape would change, as the
     inference tells: a rectangular distribution (JCGM 100:2008, 4.3.7)."""
     others = [joint.without_friction.get(name, fit[name]) for name in fit.names]
-    return fit.with_known_error("friction_shape", (others - fit.estimates) / np.sqrt(3))
+    return fit.with_known_error(Source.FRICTION_SHAPE, (others - fit.estimates) / np.sqrt(3))
 
 
 def passes_for_damping(s: Sums, analysis: Analysis) -> bool:

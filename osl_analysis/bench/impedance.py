@@ -22,7 +22,6 @@ from osl_analysis.bench.regression import (
     Model,
     Sums,
     columns_of,
-    fast_signals,
     fitted_products,
     friction_column,
     gram_sums,
@@ -33,8 +32,10 @@ from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals.filters import LowPass, sections_of, seven_point_motion
 from osl_analysis.stats.budget import QUANTITIES, Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit, solved
+from osl_analysis.stats.sources import Source
 
-OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
+# columns in proportion to the angle; a sine is, but for a tenth at 45 deg
+OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m", "sine")
 SAME_FREQUENCY_RATIO = 1.02  # ratio of frequencies below which noise alone would tell K from I
 FEWEST_ENCODER_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
 # of the power of the acceleration's own part that may be noise of the encoder
@@ -218,7 +219,7 @@ def bench_torques(
     of_angle: Array,
     passed: Callable[[Array], Array],
     rows: NDArray[np.bool_ | np.intp],
-) -> list[tuple[str, Array]]:
+) -> list[tuple[Source, Array]]:
     """Errors of the torque (n,) [N*m] by one standard uncertainty of what is stated of the bench,
     or of a delay that a held channel's beat tells, with their sources, in the fitted rows.
 
@@ -239,27 +240,33 @@ def bench_torques(
     motion = record.motion
     hysteresis, delay = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)
     torques = [
-        ("torque_gain", stated.torque * modelled),
-        ("angle_gain", stated.angle_gain * of_angle),
-        ("hysteresis", hysteresis),
-        ("delay", delay),
+        (Source.TORQUE_GAIN, stated.torque * modelled),
+        (Source.ANGLE_GAIN, stated.angle_gain * of_angle),
+        (Source.HYSTERESIS, hysteresis),
+        (Source.DELAY, delay),
     ]
     if record.inferred_delay_error:
         slope = np.gradient(record.filtered_torque, 1 / record.rate_hz)
-        torques.append(("held_delay", record.inferred_delay_error * slope))
+        torques.append((Source.HELD_DELAY, record.inferred_delay_error * slope))
     if fixture is not None:
-        sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
+        from_rest = motion.theta - np.deg2rad(fixture.rest_deg)
+        of_rest = fixture.weight * np.deg2rad(fixture.rest_error_deg)
         torques += [
-            ("fixture", fixture.inertia_error * motion.alpha),
-            ("fixture", fixture.weight_error * sine),
+            (Source.FIXTURE, fixture.inertia_error * motion.alpha),
+            (Source.FIXTURE, fixture.weight_error * np.sin(from_rest)),
+            (Source.FIXTURE, of_rest * np.cos(from_rest)),
         ]
     if bench is not None:
         # a frame that yields more turns the joint by so much less
-        torques.append(("bench_stiffness", passed(bench.compliance_error * record.filtered_torque)))
+        torques.append(
+            (Source.BENCH_STIFFNESS, passed(bench.compliance_error * record.filtered_torque))
+        )
     return [(source, error[rows]) for source, error in torques]
 
 
-def with_torque_errors(fit: LinearFit, X: Array, torques: Sequence[tuple[str, Array]]) -> LinearFit:
+def with_torque_errors(
+    fit: LinearFit, X: Array, torques: Sequence[tuple[Source, Array]]
+) -> LinearFit:
     """Add errors of the torque (n,), with their sources, to the fit of columns X (n, p)."""
     for source, error in torques:
         change, _ = solved(X.T @ X, X.T @ error)
@@ -368,7 +375,7 @@ def with_encoder_errors(
         of_steps = is_in_step @ (inverse @ bent).T
         squares = np.sum(np.abs(of_steps) ** 2, axis=0)
         errors = repeated * step / UNIFORM_WIDTH * np.sqrt(squares)
-        found[label] = fit.with_known_error("encoder", errors)
+        found[label] = fit.with_known_error(Source.ENCODER, errors)
     return found
 
 
@@ -421,18 +428,22 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     """The sums below and above a frequency, by a zero-phase filter over the whole record, as those
     of the whole band without slow torque and without the noise of the angle."""
     coarse = record.coarse
+    fast = sums.fast
+    if fast is None:
+        raise ValueError("the band is parted of sums that keep their fast signals")
     low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
-    recorded = np.array([*sums.columns.values(), coarse.filtered_torque, coarse.torque])
-    signals = fast_signals(coarse, sums.names, recorded)
-    is_slow = np.isin(sums.names, ["one", "ramp"])
-    slow = scipy.signal.sosfiltfilt(sections_of(low_pass, coarse.rate_hz), signals)
+    # of each part the torque has its own offset and drift
+    moves = ~np.isin(sums.names, ["one", "ramp"])
+    below = scipy.signal.sosfiltfilt(sections_of(low_pass, coarse.rate_hz), fast[moves])
+    above = fast[moves] - below
     noise_hz, power = record.angle_noise
     gain_below = low_pass.gain(noise_hz)
-    for part, gain in ((slow, gain_below), (signals - slow, 1 - gain_below)):
-        part[is_slow] = signals[is_slow]  # of each part the torque has its own offset and drift
+    for moving, gain in ((below, gain_below), (above, 1 - gain_below)):
+        part = fast.copy()
+        part[moves] = moving
         noise = np.array([noise_hz, power * gain**2])
         products, noise_of_row = fitted_products(sums.names, part, coarse, noise)
-        yield replace(sums, weighted=products, noise=noise_of_row)
+        yield replace(sums, weighted=products, noise=noise_of_row, fast=None)
 
 
 def range_over(parts: Sequence[Sums], *reported: LinearFit) -> dict[str, tuple[float, float]]:

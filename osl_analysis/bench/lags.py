@@ -24,6 +24,7 @@ from osl_analysis.inference.spectra import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals.filters import seven_point_motion
 from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.sources import Source
 
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 SEARCH_ROUNDING = 1e-7  # s; a smaller step of a search ends it: the next is an eighth or less
@@ -228,7 +229,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
         lag = fit.derived({"lag_s": (lag_s, of_lag)})
         # the covariance holds the belt's error, too, which is no scatter
         lag = replace(lag, covariance=np.maximum(lag.covariance - BELT_ERROR**2, 0.0))
-        lag = lag.with_known_error("belt_error", np.array([BELT_ERROR]))
-        lag = lag.with_known_error("theta_m_delay", np.array([theta_m_error]))
+        lag = lag.with_known_error(Source.BELT_ERROR, np.array([BELT_ERROR]))
+        lag = lag.with_known_error(Source.THETA_M_DELAY, np.array([theta_m_error]))
         return replace(belt, lag=lag)
     return belt

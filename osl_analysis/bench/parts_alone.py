@@ -31,13 +31,15 @@ from osl_analysis.bench.regression import (
     sums_of,
     with_effects,
 )
+from osl_analysis.inference import ModelName
 from osl_analysis.signals.filters import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PARTS, is_clamped, plateaus_of
 from osl_analysis.stats.budget import Budget, Contribution, Row, unknown
 from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.sources import Source
 
-PROPERTIES_OF_LOSSES = {"B_j": "friction", "J_j": "weight_on_joint"}
+PROPERTIES_OF_LOSSES = {"B_j": Source.FRICTION, "J_j": Source.WEIGHT_ON_JOINT}
 LOSSES = ("B_j", "J_j")  # of a transmission; its table has no K
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping,
@@ -265,8 +267,8 @@ def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> d
             *other_stamps(analysis, name),
             *alternatives(joint, stated, k, budgets[name].value),
         )
-    if "delay" not in stated:
-        of_delay = unknown("late_torque", "ms", J_j=1e-3 * budgets["B_j"].value)
+    if ModelName.DELAY not in stated:
+        of_delay = unknown(Source.LATE_TORQUE, "ms", J_j=1e-3 * budgets["B_j"].value)
         complete["J_j"] = complete["J_j"].plus(of_delay["J_j"])
     return complete
 

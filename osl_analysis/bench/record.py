@@ -98,7 +98,7 @@ class Record:
     theta : Array (n,)
         Angle of the joint [rad], without the deflection of the bench.
     torque : Array (n,)
-        Raw resisting torque [N*m].
+        Raw resisting torque [N*m]; of a coarse record `filtered_torque` itself.
     motion : Motion
         Filtered joint angle with its derivatives.
     filtered_torque : Array (n,)
@@ -216,19 +216,27 @@ class Record:
             return self
         rows = slice(None, None, step)
         motion = self.motion
+        torque = self.filtered_torque[rows]
         stop = np.minimum(self.groups.stop / step, len(self.time[rows]))
         return replace(
             self,
             time=self.time[rows],
             theta=motion.theta[rows],
-            torque=self.filtered_torque[rows],
+            torque=torque,
             motion=Motion(motion.theta[rows], motion.omega[rows], motion.alpha[rows]),
-            filtered_torque=self.filtered_torque[rows],
+            filtered_torque=torque,
             usable=self.usable[rows],
             actuator={name: signal[rows] for name, signal in self.actuator.items()},
             groups=replace(self.groups, first=self.groups.first / step, stop=stop),
             rate_hz=self.rate_hz / step,
         )
+
+    def less_torque(self, explained: Array) -> "Record":
+        """The record without a part (n,) [N*m] of its torque that is explained."""
+        filtered = self.filtered_torque - explained
+        is_coarse = self.torque is self.filtered_torque
+        raw = filtered if is_coarse else self.torque - explained
+        return replace(self, torque=raw, filtered_torque=filtered)
 
 
 def unlike_groups(first: Array, stop: Array) -> Groups:

@@ -108,12 +108,13 @@ BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a
 EFFECTS_LIMIT = 1e5
 EDGE_ROWS = 2  # beside the fitted ones, from which a fraction of a row is read
 DERIVATIVES = ("theta", "omega", "alpha", "jerk", "snap")  # of the angle, by their order
+RAW_TORQUE = "raw torque"  # column of the torque before the low-pass
 
 
 @dataclass(frozen=True)
 class Sums:
-    """Products of q columns in each of m groups; the last columns are the filtered `torque` and the
-    `raw torque`.
+    """Products of q columns in each of m groups; the last one is the filtered `torque`, or behind
+    it the `raw torque`, where the record has one.
 
     Attributes
     ----------
@@ -129,6 +130,8 @@ class Sums:
         The products that are fitted: of a motion without what is slower, or `gram`.
     noise : Array (q, q)
         Part of the noise of the angle in the products of a row, which is taken off.
+    fast : Array (q, n) or None
+        If kept, columns and torques without what is slower than the motion.
     """
 
     names: tuple[str, ...]
@@ -137,6 +140,7 @@ class Sums:
     columns: Mapping[str, Array]
     weighted: Array
     noise: Array
+    fast: Array | None = None
 
     def chosen(self, is_chosen: NDArray[np.bool_]) -> "Sums":
         """Those of some groups, by a mask (m,)."""
@@ -150,14 +154,21 @@ class Sums:
             self, gram=self.gram[is_chosen], weighted=self.weighted[is_chosen], groups=groups
         )
 
+    @property
+    def unfiltered_torque(self) -> str:
+        """Name of the torque before the low-pass; a coarse record has the filtered one alone."""
+        return RAW_TORQUE if RAW_TORQUE in self.names else "torque"
+
     def less(self, column: str, size: float) -> "Sums":
         """Those of the torque less `size` times a column."""
         change = np.eye(len(self.names))
-        change[-2:, self.names.index(column)] = -size
+        is_torque = np.isin(self.names, ["torque", RAW_TORQUE])
+        change[is_torque, self.names.index(column)] = -size
         return replace(
             self,
             gram=change @ self.gram @ change.T,
             weighted=change @ self.weighted @ change.T,
+            fast=None,
         )
 
     def products(self, gram: Array, names: Sequence[str]) -> Array:
@@ -180,9 +191,13 @@ class Sums:
 
 
 def gram_sums(
-    record: Record, columns: Mapping[str, Array], angle_noise: Array | None = None
+    record: Record,
+    columns: Mapping[str, Array],
+    angle_noise: Array | None = None,
+    keep_fast: bool = False,
 ) -> Sums:
-    """Sum the products of columns (n,) and of the record's torque, in each group.
+    """Sum the products of columns (n,) and of the record's torque, in each group; with `keep_fast`
+    the signals themselves are kept, for parts of the band.
 
     The noise is read from the raw torque, before the filter.
 
@@ -200,17 +215,20 @@ def gram_sums(
         A column cannot be measured.
     """
     groups = record.groups
-    signals = {**columns, "torque": record.filtered_torque, "raw torque": record.torque}
+    signals = {**columns, "torque": record.filtered_torque}
+    if record.torque is not record.filtered_torque:
+        signals[RAW_TORQUE] = record.torque
     for name, row in signals.items():
         check_finite(f"column '{name}'", row, least=SMALLEST_SIGNAL)
+    names = tuple(signals)
     rows = np.array([*signals.values()])
     gram = products_between(rows.T, rows.T, groups.first, groups.stop)
-    weighted = gram
-    noise = np.zeros_like(gram[0])
-    if angle_noise is not None:
-        fast = fast_signals(record, tuple(signals), rows)
-        weighted, noise = fitted_products(tuple(signals), fast, record, angle_noise)
-    return Sums(tuple(signals), gram, groups, columns, weighted, noise)
+    if angle_noise is None:
+        return Sums(names, gram, groups, columns, weighted=gram, noise=np.zeros_like(gram[0]))
+    fast = fast_signals(record, names, rows)
+    weighted, noise = fitted_products(names, fast, record, angle_noise)
+    kept = fast if keep_fast else None
+    return Sums(names, gram, groups, columns, weighted, noise, kept)
 
 
 def fast_signals(record: Record, names: Sequence[str], signals: Array) -> Array:
@@ -257,13 +275,29 @@ def running_mean(signals: Array, period: float) -> Array:
     the rows."""
     n = signals.shape[1]
     length = min(period, n)
-    first = np.clip(np.arange(n) + (1 - length) / 2, 0, n - length)
-    sums = np.pad(np.cumsum(signals, axis=1), ((0, 0), (1, 0)))
-    up_to = []
-    for edges in (first, first + length):
-        row = np.minimum(edges.astype(np.intp), n - 1)
-        up_to.append(np.take(sums, row, axis=1) + (edges - row) * np.take(signals, row, axis=1))
-    return (up_to[1] - up_to[0]) / length
+    # of all rows before an edge; one more behind the last edge, so that each has a next one
+    sums = np.zeros((len(signals), n + 2))
+    np.cumsum(signals, axis=1, out=sums[:, 1:-1])
+    sums[:, -1] = sums[:, -2]
+
+    def sums_before(edge: float, count: int) -> Array:
+        """Sums (q, count) before an edge, which may be within a row, and before those that are 1,
+        2 … rows further. Slices of them take a tenth of the time of single edges."""
+        row = int(edge)
+        whole_rows = sums[:, row : row + count]
+        with_next_row = sums[:, row + 1 : row + 1 + count]
+        return whole_rows + (edge - row) * (with_next_row - whole_rows)
+
+    half = (length - 1) / 2
+    near_end = int(np.ceil(half))  # rows about which a period would begin before the first one
+    n_inside = n - 2 * near_end
+    means = np.empty(signals.shape)
+    inside = means[:, near_end : n - near_end]
+    inside[:] = sums_before(near_end + half + 1, n_inside)
+    inside -= sums_before(near_end - half, n_inside)
+    means[:, :near_end] = sums_before(length, 1)
+    means[:, n - near_end :] = sums_before(n, 1) - sums_before(n - length, 1)
+    return means / length
 
 
 def high_pass_gain(frequency: Array, slow: float) -> Array:
@@ -283,23 +317,36 @@ def fitted_products(
 ) -> tuple[Array, Array]:
     """Products (m, q, q) of signals (q, n) in each group, and what noise of the angle makes of
     those of a row (q, q), which is taken off.
-
-    The n-th derivative has the spectrum (i w)^n of the noise, times the filter's gain.
     """
     groups = record.groups
-    f, power = angle_noise
-    gain = record.settings.low_pass.gain(f)
+    frequency_hz, power = angle_noise
+    gain = record.settings.low_pass.gain(frequency_hz)
     if not groups.repeat().any():
-        gain *= high_pass_gain(f, record.band_hz[0])
-    s = 2j * np.pi * f
-    of_angle = np.array(
-        [s ** DERIVATIVES.index(name) if name in DERIVATIVES else 0 * s for name in names]
-    )
-    noise = ((of_angle * (power * gain**2)) @ of_angle.conj().T).real
+        gain *= high_pass_gain(frequency_hz, record.band_hz[0])
+    noise = noise_products(names, frequency_hz, power * gain**2)
 
     products = products_between(signals.T, signals.T, groups.first, groups.stop)
     products -= (groups.stop - groups.first)[:, None, None] * noise
     return products, noise
+
+
+def noise_products(names: Sequence[str], frequency_hz: Array, power: Array) -> Array:
+    """Mean products (q, q) of what noise of the angle makes of the columns with these names, by the
+    frequencies (k,) and powers (k,) [rad^2] of its lines.
+
+    The a-th and the b-th derivative of a line have the amplitudes (i w)^a and (i w)^b. The real
+    part of the one times the conjugate of the other is i^(a - b) w^(a + b), or 0 where a - b is
+    odd.
+    """
+    products = np.zeros((len(names), len(names)))
+    orders = {name: order for order, name in enumerate(DERIVATIVES) if name in names}
+    for first, a in orders.items():
+        for second, b in orders.items():
+            if (a - b) % 2 == 0:
+                sign = (-1) ** ((a - b) // 2)
+                moment = power @ (2 * np.pi * frequency_hz) ** (a + b)
+                products[names.index(first), names.index(second)] = sign * moment
+    return products
 
 
 def friction_column(omega: Array, record: Record, width: float = SIGN_WIDTH) -> Array:
@@ -349,7 +396,7 @@ def sums_of(record: Record, expected: Stiffness | None = None, width: float = SI
         columns["linear"] = linear_torque(
             expected, columns["theta"], coarse.rate_hz, 3 * low_pass.cutoff_hz
         )
-    return gram_sums(coarse, columns, record.angle_noise)
+    return gram_sums(coarse, columns, record.angle_noise, keep_fast=True)
 
 
 def least_squares(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearFit:
@@ -373,7 +420,7 @@ def least_squares(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> Line
     """
     # estimates: normal equations A x = b of all groups g together
     columns = list(model.values())
-    products = s.products(s.weighted, [*columns, "torque", "raw torque"])
+    products = s.products(s.weighted, [*columns, "torque", s.unfiltered_torque])
     share = np.ones((len(products), 1, 1))
     if s.groups.kind == "periods":  # each part of the period counts once
         share /= np.bincount(s.groups.stratum)[s.groups.stratum][:, None, None]

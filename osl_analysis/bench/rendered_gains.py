@@ -50,15 +50,16 @@ from osl_analysis.bench.regression import (
 from osl_analysis.model.compensator import stiffness_gain
 from osl_analysis.model.drivetrain import (
     DrivetrainParameters,
+    MotionSpectrum,
     Spectrum,
     StatedOfDevice,
-    Stiffness,
     dynamic_stiffness,
     held_actuator,
-    linear_torque,
+    motion_spectrum,
 )
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import LinearFit, variance_accounted_for
+from osl_analysis.stats.sources import Source
 
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
 STEP_ROUNDING = 1e-3  # of the gains' standard errors: after a smaller step they have converged
@@ -125,8 +126,9 @@ def rendered_gains(
     # of slow motion Eq. 15 has K_d; of a belt that does not yield, its B
     K_1 = float(stiffness_gain(K, p))
     B_1 = analysis.whole["B"] / p.n_T**2
-    coarse = analysis.record.coarse
-    leg = Leg(coarse, p, K_1, max(B_1, 0.0), of_device.loop_delay or 0.0, CONTROLLER[:2])
+    recording = LegRecording(analysis.record.coarse)
+    delay = of_device.loop_delay or 0.0
+    leg = Leg(recording, p, K_1, max(B_1, 0.0), delay, CONTROLLER[:2])
     found = converged(leg)
     # from there, since another start may lead to a late spring that damps
     told = found and converged(replace(found[0], fitted=CONTROLLER))
@@ -153,15 +155,41 @@ def converged(leg: "Leg") -> tuple["Leg", LinearFit] | None:
 
 
 @dataclass(frozen=True)
-class Leg:
-    """A record of a leg, and what its controller may render."""
+class LegRecording:
+    """A record of a leg, with what no controller changes, made once for all steps of a search."""
 
     record: Record
+
+    def spectrum(self, angle: Array) -> MotionSpectrum:
+        """The spectrum of an angle (n,) [rad], or of a torque, as far as motion counts."""
+        highest_hz = MOTION_CUTOFFS * self.record.settings.cutoff_hz
+        return motion_spectrum(angle, self.record.rate_hz, highest_hz)
+
+    @cached_property
+    def motion(self) -> MotionSpectrum:
+        return self.spectrum(self.record.motion.theta)
+
+    @cached_property
+    def columns(self) -> dict[str, Array]:
+        """Torques (n,) of 1 N*m of friction of the joint, of an offset and of a drift."""
+        friction = friction_column(self.record.motion.omega, self.record)
+        return {"T_C": friction, **offset_and_drift(self.record.time)}
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A recording of a leg, and what its controller may render."""
+
+    recording: LegRecording
     p: DrivetrainParameters
     K_1: float  # [N*m/rad]
     B_1: float  # [N*m*s/rad]
     delay: float  # of the loop [s]
     fitted: tuple[str, ...]  # which of the three are
+
+    @property
+    def record(self) -> Record:
+        return self.recording.record
 
     @property
     def linear_model(self) -> Model:
@@ -193,43 +221,34 @@ class Leg:
         held = held_actuator(s, self.K_1, self.B_1, self.p, self.delay)
         return self.p.K_s / self.p.n_T / held
 
-    def torques_for(self, angle: Array, *stiffnesses: Stiffness) -> Array:
-        """Torques (k, n) [N*m] of dynamic stiffnesses for an angle (n,) [rad]."""
-        return linear_torque(
-            lambda s: np.array([stiffness(s) for stiffness in stiffnesses]),
-            angle,
-            self.record.rate_hz,
-            MOTION_CUTOFFS * self.record.settings.cutoff_hz,
-        )
-
     @cached_property
     def torque(self) -> Array:
         """What the controller renders for the record's motion, (n,) [N*m]."""
-        return self.torques_for(self.record.motion.theta, self.stiffness)[0]
+        return self.recording.motion.torque(self.stiffness)
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
-        """The slopes (n,) of the torque in the gains and the delay, with offset and drift, and what
-        1 N*m of friction of the joint, and of the actuator, makes of it."""
-        record = self.record
-        stepped = [self.stepped(name).stiffness for name in CONTROLLER]
-        omega_m, *torques = self.torques_for(
-            record.motion.theta, lambda s: s * self.turned(s), *stepped
-        )
-        slopes = dict(zip(CONTROLLER, (torques - self.torque) / SLOPE_ROUNDING, strict=True))
-        slopes["T_m"] = self.torques_for(friction_column(omega_m, record), self.turned)[0]
-        slopes["T_C"] = friction_column(record.motion.omega, record)
-        return {**slopes, **offset_and_drift(record.time)}
+        """The slopes (n,) of the torque in what is fitted, with offset and drift, and what 1 N*m of
+        friction of the joint, and of the actuator, makes of it."""
+        stepped_stiffnesses = [self.stepped(name).stiffness for name in self.fitted]
+
+        def actuator_velocity_and_torques(s: Spectrum) -> Spectrum:
+            torques = [stiffness(s) for stiffness in stepped_stiffnesses]
+            return np.array([s * self.turned(s), *torques])
+
+        omega_m, *torques = self.recording.motion.torque(actuator_velocity_and_torques)
+        slopes = {
+            name: (torque - self.torque) / SLOPE_ROUNDING
+            for name, torque in zip(self.fitted, torques, strict=True)
+        }
+        friction = friction_column(omega_m, self.record)
+        slopes["T_m"] = self.recording.spectrum(friction).torque(self.turned)
+        return {**slopes, **self.recording.columns}
 
     @cached_property
     def residual(self) -> Record:
         """The record with what the controller leaves of the torque."""
-        record = self.record
-        return replace(
-            record,
-            torque=record.torque - self.torque,
-            filtered_torque=record.filtered_torque - self.torque,
-        )
+        return self.record.less_torque(self.torque)
 
     @cached_property
     def sums(self) -> Sums:
@@ -237,7 +256,9 @@ class Leg:
         # the slopes are behind the actuator, which passes no noise of the angle: no part is taken
         # off their products
         columns = {**self.slopes, "theta": self.record.motion.theta}
-        return gram_sums(self.residual, columns, self.record.angle_noise)
+        # the band of stepped sines is parted by cycles
+        keep_fast = self.record.groups.kind != "cycles"
+        return gram_sums(self.residual, columns, self.record.angle_noise, keep_fast)
 
     def impedance(self) -> dict[str, float]:
         """K_d and B_d that slow motion meets (Eqs. 11-13), and the delay where it is fitted."""
@@ -273,7 +294,7 @@ def described(
         record,
         leg.torque,
         leg.torque,
-        lambda angle: leg.torques_for(angle, leg.stiffness)[0],
+        lambda angle: leg.recording.spectrum(angle).torque(leg.stiffness),
         rows,
     )
     rendered = with_torque_errors(step, X, torques).derived(leg.impedance_slopes())
@@ -316,12 +337,12 @@ def contributions_of_friction(
         share = SHAPE_SHARE / np.sqrt(3) * of_all.se(name)
         found[name] = [
             Contribution(
-                "friction",
+                Source.FRICTION,
                 half,
                 basis="measured",
                 detail="range over amplitudes, frequencies and friction",
             ),
-            Contribution("friction_shape", share, basis="assumed"),
+            Contribution(Source.FRICTION_SHAPE, share, basis="assumed"),
         ]
     return found
 
@@ -341,7 +362,7 @@ def contributions_of_components(
     found = {}
     for name, value in before.items():
         bound = abs(delayed[name] - value) / np.sqrt(3)
-        found[name] = [Contribution("component", bound, basis="bound", detail="loop_delay")]
+        found[name] = [Contribution(Source.COMPONENT, bound, basis="bound", detail="loop_delay")]
     by_torque = np.linalg.pinv(X)  # change of the estimates (p, m)
     for component in COMPONENT_SYMBOLS:
         value = getattr(leg.p, component)
@@ -354,8 +375,8 @@ def contributions_of_components(
             by_all = abs(after[name] - before[name]) / SHARE_ROUNDING
             if component in uncertainties:
                 size = by_all * uncertainties[component] / value
-                row = Contribution("component", size, shared=True, detail=component)
+                row = Contribution(Source.COMPONENT, size, shared=True, detail=component)
             else:
-                row = unknown("component", f"% of {component}", **{name: by_all / 100})[name]
+                row = unknown(Source.COMPONENT, f"% of {component}", **{name: by_all / 100})[name]
             found[name].append(row)
     return found

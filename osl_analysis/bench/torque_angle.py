@@ -24,6 +24,7 @@ from osl_analysis.dictionary.described import table_of
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.stats.budget import Budget, Contribution, Row, scatter
 from osl_analysis.stats.linear_fit import variance_accounted_for
+from osl_analysis.stats.sources import Source
 
 ESTIMATED_OF_CYCLES = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
 FEWEST_ANGLES = 5  # of a curve
@@ -241,7 +242,7 @@ def means_row(
             row |= {name: of_cycles[0], f"{name}_low": None, f"{name}_high": None}
         else:
             of_repeats = scatter(of_cycles.std(ddof=1) / np.sqrt(n), n - 1.0)
-            of_bench = Contribution("bench", error, shared=True)
+            of_bench = Contribution(Source.BENCH, error, shared=True)
             row |= Budget(of_cycles.mean(), (of_repeats, of_bench)).columns(name)
     _, _, stored, returned, _ = means
     return {**row, "returned_share": returned / stored}

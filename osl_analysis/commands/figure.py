@@ -36,7 +36,6 @@ from osl_analysis.figures.drawing import (
 )
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
-    FileOrNone,
     joint_of,
     known_parameters,
 )
@@ -231,7 +230,7 @@ def fig4(series: Path, table: Path, chosen: str) -> pl.DataFrame:
 
 def fig7(
     table: Path,
-    parameters: FileOrNone,
+    parameters: Path | None,
     choice: FrequencyResponseFigure | None,
     weight: Weight,
 ) -> pl.DataFrame:

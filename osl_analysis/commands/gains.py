@@ -87,7 +87,7 @@ def requested_gains(
 
 
 def select_trajectory(
-    trajectory: Path, weight: Weight, parameters: drivetrain.FileOrNone = None
+    trajectory: Path, weight: Weight, parameters: Path | None = None
 ) -> pl.DataFrame:
     """The table of gains for every row of a trajectory file (Fig. 8), `phase` first; a refusal
     names the file. `trajectory` is what the file says of itself, as synthetic. Without parameters

@@ -50,7 +50,7 @@ from osl_analysis.judge.recording_checks import (
     QualityRules,
     read_verdicts,
 )
-from osl_analysis.model.drivetrain import FileOrNone, known_parameters
+from osl_analysis.model.drivetrain import known_parameters
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
@@ -333,7 +333,7 @@ def write_summary(
 
 def write_paper_table(
     tables: FilesByName,
-    parameters: FileOrNone,
+    parameters: Path | None,
     about: Mapping[str, str],
     beside_draft: bool,
     tex: Path,

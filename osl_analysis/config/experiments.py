@@ -28,11 +28,9 @@ class ResultTable:
 
 @dataclass(frozen=True)
 class FitJob:
-    """What the fit of one trial (`FITS` in commands/fit.py) takes; the same for rules, command line
-    and notebook."""
+    """The cells of the sample sheet that the fit of one trial takes."""
 
-    settings: str  # section of the configuration
-    sheet: Sequence[str] = ()  # columns of the sample sheet, as its `condition`
+    sheet: Sequence[str] = ()  # columns of the sheet
     windows: bool = False  # whether it fits the windows that the sheet states, as `windows`
 
 

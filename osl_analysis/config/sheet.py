@@ -189,7 +189,9 @@ class SheetRow(Settings):
             if column not in filled and not self.exclude:
                 raise misplaced(f"it is empty; experiment {self.experiment} needs it", column)
         for column, other in NEEDED_BESIDE.items():
-            if column in filled and not filled.get(other):
+            beside = filled.get(other)
+            is_beside = beside not in ("", None) and beside is not False  # a 0 is a value
+            if column in filled and not is_beside:
                 raise misplaced(
                     f"it needs {other}, neither empty nor false; correct that, or clear this cell",
                     column,

@@ -52,13 +52,17 @@ calibration tells. Friction at one speed is damping.
 """
 
 from osl_analysis.inference.actuator import FrictionlessActuator, frictionless_actuator
+from osl_analysis.inference.candidate_models import Family
+from osl_analysis.inference.model_names import ModelName
 from osl_analysis.inference.spectra import BenchSignals
 from osl_analysis.inference.weighing import ImpedanceInference, infer_impedance
 
 __all__ = [
     "BenchSignals",
+    "Family",
     "FrictionlessActuator",
     "ImpedanceInference",
+    "ModelName",
     "frictionless_actuator",
     "infer_impedance",
 ]

@@ -28,6 +28,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.base.trial import Array
+from osl_analysis.inference.model_names import ModelName
 from osl_analysis.inference.spectra import (
     FEWEST_STEPS,
     slipping_springs,
@@ -137,7 +138,8 @@ class CandidateModel:
 
     Attributes
     ----------
-    family, name : str
+    family : Family
+    name : ModelName
         What it is called.
     terms : function
         Its columns and torque in a search, at a value of its own parameter; None: it cannot be.
@@ -150,7 +152,7 @@ class CandidateModel:
     """
 
     family: Family
-    name: str
+    name: ModelName
     terms: Callable[[Search, float], Terms | None] | None = None
     grid: Callable[[Whitened], Array] | None = None
     shares: tuple[float, ...] = (0.0,)
@@ -183,8 +185,10 @@ def models_at_values(model: CandidateModel, search: Search) -> list[ModelAtValue
     data = search.data
     terms = model.terms
     if terms is None:
-        added = data.columns.get(model.name, data.motion[:0])
-        return [ModelAtValue(model, np.concatenate([data.motion, added]), data.torque)]
+        columns = data.motion
+        if model is not EQ_15:
+            columns = np.concatenate([columns, data.columns[model.name]])
+        return [ModelAtValue(model, columns, data.torque)]
     if model.grid is None:
         without_parameter = terms(search, 0.0)
         return [ModelAtValue(model, *without_parameter)] if without_parameter else []
@@ -322,24 +326,26 @@ def cut(search: Search, _: float) -> Terms | None:
     return (data.motion, torque) if followed < MOST_FOLLOWING * square else None
 
 
-EQ_15 = CandidateModel("", "nothing")
+EQ_15 = CandidateModel("", ModelName.EQ_15)
 CANDIDATE_MODELS = (
     EQ_15,
-    CandidateModel("path", "delay", late, lambda _: LARGEST_DELAY_S * np.linspace(-1, 1, 3 * GRID)),
-    CandidateModel("path", "low-pass", low_passed, lags),
     CandidateModel(
-        "path", "spring in series", behind_spring, lambda _: np.geomspace(*COMPLIANCE, GRID)
+        "path", ModelName.DELAY, late, lambda _: LARGEST_DELAY_S * np.linspace(-1, 1, 3 * GRID)
     ),
-    CandidateModel("time", "change over time", shares=(0.0, -0.5, 0.5)),
-    CandidateModel("time", "change at once", shares=(0.0, 1.0)),
-    CandidateModel("speed", "damping by speed"),
-    CandidateModel("size", "nonlinear spring"),
-    CandidateModel("size", "K by side", shares=(0.0, 1.0, -1.0)),
+    CandidateModel("path", ModelName.LOW_PASS, low_passed, lags),
     CandidateModel(
-        "size", "viscoelastic branch", with_branch, lambda _: np.geomspace(*BRANCH_S, GRID)
+        "path", ModelName.SPRING_IN_SERIES, behind_spring, lambda _: np.geomspace(*COMPLIANCE, GRID)
     ),
-    CandidateModel("direction", "K and B by direction", shares=(0.0, 1.0, -1.0)),
-    CandidateModel("speed", "backlash", behind_gap, gap_widths),
-    CandidateModel("speed", "backlash in the mount", behind_mount, gap_widths),
-    CandidateModel("clipping", "clipping", cut),
+    CandidateModel("time", ModelName.CHANGE_OVER_TIME, shares=(0.0, -0.5, 0.5)),
+    CandidateModel("time", ModelName.CHANGE_AT_ONCE, shares=(0.0, 1.0)),
+    CandidateModel("speed", ModelName.DAMPING_BY_SPEED),
+    CandidateModel("size", ModelName.NONLINEAR_SPRING),
+    CandidateModel("size", ModelName.K_BY_SIDE, shares=(0.0, 1.0, -1.0)),
+    CandidateModel(
+        "size", ModelName.VISCOELASTIC_BRANCH, with_branch, lambda _: np.geomspace(*BRANCH_S, GRID)
+    ),
+    CandidateModel("direction", ModelName.K_AND_B_BY_DIRECTION, shares=(0.0, 1.0, -1.0)),
+    CandidateModel("speed", ModelName.BACKLASH, behind_gap, gap_widths),
+    CandidateModel("speed", ModelName.BACKLASH_IN_MOUNT, behind_mount, gap_widths),
+    CandidateModel("clipping", ModelName.CLIPPING, cut),
 )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
 from osl_analysis.model.drivetrain import Spectrum
-from osl_analysis.signals.filters import power_density
+from osl_analysis.signals.filters import power_density, run_edges
 
 # Consecutive parts of the recording, each of which is predicted by the others; 24 scatters give a
 # standard error to 15 %; blocks of 2 to 6 s outlast the noise's memory
@@ -388,6 +388,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
 
 WIDER = 5.0  # times the first width, over which the second sign changes
 SPEED_ROUNDING = 1e-6  # rad/s, so that no width is 0
+WHOLE_RANGE = 2.0  # of a spring that slips at +-1, from one limit to the other
 
 
 def slipping_springs(angle: Array, widths: Sequence[float]) -> Array:
@@ -415,15 +416,41 @@ def slipping_springs(angle: Array, widths: Sequence[float]) -> Array:
     torques = np.empty((len(widths), len(angle)))
     for torque, width in zip(torques, widths, strict=True):
         # between two turning points the motion has one direction, so that one clip is enough
-        level = 0.0
-        wound = [level]
-        for way in (ways / width).tolist():
-            level = min(max(level + way, -1.0), 1.0)
-            wound.append(level)
+        wound = wound_at_turns(ways / width)
         unclipped = np.repeat(wound[:-1], rows_of_turn) + since_turn / width
         np.clip(unclipped, -1.0, 1.0, out=torque[:-1])
-        torque[-1] = level
+        torque[-1] = wound[-1]
     return torques
+
+
+def wound_at_turns(ways: Array) -> Array:
+    """How far a spring that slips at +-1 is wound at each turning point of its motion.
+
+    Parameters
+    ----------
+    ways : Array (k,)
+        From each turning point to the next, in units of the spring's limit.
+
+    Returns
+    -------
+    Array (k + 1,)
+        From 0 at the first one on.
+
+    Notes
+    -----
+    A way of 2 or more winds it from any state to its limit. Only states after shorter ways are
+    computed one by one, of which large motions have few.
+    """
+    wound = np.append(0.0, np.sign(ways))
+    is_short = np.abs(ways) < WHOLE_RANGE
+    for first, stop in run_edges(is_short).tolist():
+        level = float(wound[first])
+        levels = []
+        for way in ways[first:stop].tolist():
+            level = min(max(level + way, -1.0), 1.0)
+            levels.append(level)
+        wound[first + 1 : stop + 1] = levels
+    return wound
 
 
 def friction_torques(spectra: Spectra) -> Array:

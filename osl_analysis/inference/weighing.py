@@ -27,10 +27,12 @@ from osl_analysis.inference.candidate_models import (
     CANDIDATE_MODELS,
     EQ_15,
     CandidateModel,
+    Family,
     ModelAtValue,
     Search,
     models_at_values,
 )
+from osl_analysis.inference.model_names import ModelName
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import (
     BLOCKS,
@@ -328,8 +330,8 @@ def largest_shifts(
 class Alternative:
     """A candidate model that may be why the torque is not that of Eq. 15 alone."""
 
-    family: str
-    name: str
+    family: Family
+    name: ModelName
     probability: float  # given that one of the candidate models is right
     change: Array  # (3,) by how much K, B and I would be others at most, by it [SI]
 

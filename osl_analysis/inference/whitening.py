@@ -13,6 +13,7 @@ import scipy
 
 from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
+from osl_analysis.inference.model_names import ModelName
 from osl_analysis.inference.spectra import (
     WorkingSpectra,
     friction_torques,
@@ -154,12 +155,12 @@ def products_of_models(spectra: WorkingSpectra, sign: Array) -> dict[str, Array]
     angle, theta, omega = spectra.angle, spectra.theta, spectra.omega
     centred_time = spectra.relative_time - 0.5
     products = {
-        "damping by speed": [omega * np.abs(omega)],
-        "nonlinear spring": [angle**2, angle**2 * angle],
-        "K by side": [np.abs(angle)],
-        "K and B by direction": [angle * sign, np.abs(omega)],
-        "change over time": [x * centred_time for x in (theta, omega, spectra.alpha)],
-        "change at once": [x * (centred_time > 0) for x in (theta, omega)],
+        ModelName.DAMPING_BY_SPEED: [omega * np.abs(omega)],
+        ModelName.NONLINEAR_SPRING: [angle**2, angle**2 * angle],
+        ModelName.K_BY_SIDE: [np.abs(angle)],
+        ModelName.K_AND_B_BY_DIRECTION: [angle * sign, np.abs(omega)],
+        ModelName.CHANGE_OVER_TIME: [x * centred_time for x in (theta, omega, spectra.alpha)],
+        ModelName.CHANGE_AT_ONCE: [x * (centred_time > 0) for x in (theta, omega)],
         "change at other moments": [
             x * (spectra.relative_time > moment) for moment in OTHER_MOMENTS for x in (theta, omega)
         ],

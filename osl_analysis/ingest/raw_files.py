@@ -202,7 +202,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         for column, value in row.items()
         if column.startswith("fixture_") and value is not None
     }
-    if any(fixture.values()) and "torque" in trial.columns:  # the time base takes its torque off
+    # the time base takes its torque off; 0 states that there is none
+    if fixture and "torque" in trial.columns:
         trial.provenance["columns"]["torque"]["fixture"] = fixture
     return trial
 

@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Do a job of the workflow in this process: call its command with what its rule names, but without
-the inputs that were refused or excluded, and write the reason into its outputs where the input is
-at fault."""
+"""Do a job of the workflow in this process: call its function without the inputs that were refused
+or excluded, write its log, and, where the input is at fault, the reason into its outputs. What the
+function computes is not known here.
+
+Example: `perform(Job(derive, [Path("a.csv")], Path("a.log"), {"table": Path("b.csv")}))`.
+"""
 
 import json
 import time
 import traceback
 import warnings
 from collections.abc import Collection, Mapping, Sequence
-from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import polars as pl
-from pydantic import ConfigDict, validate_call
 
 from osl_analysis.base.errors import (
     InputError,
@@ -31,14 +32,12 @@ from osl_analysis.base.memory import limited_memory
 from osl_analysis.base.table import (
     NOT_ANALYSED,
     NOT_ANALYSED_KEY,
-    OUTCOME,
     NotAnalysed,
     not_analysed,
     write_table,
     write_tables,
 )
-from osl_analysis.base.trial import read_trial, write_empty
-from osl_analysis.commands.fit import FITS, fit_or_advise
+from osl_analysis.base.trial import write_empty
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import (
     ADDED_TO_ALL,
@@ -46,16 +45,10 @@ from osl_analysis.dictionary.described import (
     described_tables,
     described_tables_by_name,
 )
-from osl_analysis.jobs.progress import Files, Job, listed, write_log
+from osl_analysis.jobs.job import Files, Job, listed
+from osl_analysis.jobs.progress import write_log
 from osl_analysis.judge.campaign import QUALITY
 from osl_analysis.judge.recording_checks import CHECKED, HOW_TO_USE
-
-ONLY_CHECKED = "fitted"
-"""An input that no command reads: it gets the refusals among these files, as `refused`."""
-NO_ARGUMENTS = {"arguments", "made_by", "excluded", "file_states", "sources"}
-"""Params that are no arguments of a command: those of a fit stand in `arguments`; what made the
-data; the trials that quality control excludes; and what Snakemake only compares with the last
-run."""
 
 REMEDY = (
     "correct or replace the file, or its source file, or give a reason under `exclude` in the"
@@ -63,15 +56,10 @@ REMEDY = (
 )
 HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", ".tex", ".md"}
 """Suffixes of files that can say why there is no result."""
-
 OF_A_FILE = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 """Errors of the system that are those of one file; a bad disk or too many open files are not."""
-
-FITTED = {fit: EXPERIMENTS[name] for name, fit in FITS.items()}
-"""The experiment that a command fits, whose tables it writes in their order."""
-
-CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
-"""A command that converts what it is given to the types that it declares."""
+COLUMNS_OF_REFUSED_TRIAL = ("time", "theta", "torque")
+"""Those of a trial or a crossing without rows."""
 
 
 def perform(job: Job) -> None:
@@ -86,7 +74,7 @@ def perform(job: Job) -> None:
     with warnings.catch_warnings(record=True) as caught:
         show_advice_alone()
         try:
-            ending = called(job)
+            ending = outcome_of(job)
         except Exception as error:
             reason, remedy = reason_and_remedy(job, error)
             ending = {
@@ -109,15 +97,15 @@ def perform(job: Job) -> None:
         raise RuntimeError(ending["error"])
 
 
-def called(job: Job) -> dict[str, Any]:
-    """Call the command of a job, or write why it has no result; how it ended, for its log."""
+def outcome_of(job: Job) -> dict[str, Any]:
+    """Call the function of a job, or write why it has no result; how it ended, for its log."""
     try:
-        causes = call(job)
+        causes = run(job)
     except (OslAnalysisError, OSError) as error:
         if not is_of_input(job, error):
             raise
         reason, remedy = reason_and_remedy(job, error)
-        trial = getattr(error, "trial", "") or job.trial  # an OSError knows none
+        trial = getattr(error, "trial", "") or job.trial.name  # an OSError knows none
         write_reasons(job, [NotAnalysed(trial, f"{reason}; {remedy}")])
         return {"outcome": "refused", "error": reason, "remedy": remedy}
     if causes:
@@ -137,135 +125,108 @@ def reason_and_remedy(job: Job, error: Exception) -> tuple[str, str]:
 
 def is_of_input(job: Job, error: Exception) -> bool:
     """Whether an error is of what the job was given, so that its outputs are to hold the reason."""
-    suffixes = {file.suffix for file in job.files}
+    suffixes = {file.suffix for file in job.outputs}
     if not suffixes <= HOLDING_A_REASON or job.simulates:
         return False
     if isinstance(error, OF_A_FILE):
-        return str(error.filename) in job.recordings
+        return Path(error.filename or "") in job.trial.files
     return not isinstance(error, OSError | WriteError | MemoryLimitError)
 
 
-def call(job: Job) -> Sequence[NotAnalysed]:
-    """Call the command of a job, or return the causes for which something that it needs is missing.
-
-    Its arguments are the inputs, outputs and params of the rule by their names, converted to the
-    declared types. A command that returns a table gets no outputs: the table is written here. A
-    command that is told what is `refused` is called whatever is missing.
-    """
-    inputs, refused, missing = without_missing(job.inputs)
-    if missing and job.tell != "refused":
+def run(job: Job) -> Sequence[NotAnalysed]:
+    """Call the function of a job, and write the table that it returns; or return the causes for
+    which something that it needs is missing."""
+    left_out = job.left_out
+    inputs, refused, missing = drop_refused(job.inputs, left_out.also_of)
+    if missing and not left_out.is_called_anyway:
         return missing
 
-    inputs = without_excluded(inputs, job.params.get("excluded", ()))
-    params = {**job.params, **job.params.get("arguments", {})}
-    stated = {name: params[name] for name in params if name not in NO_ARGUMENTS}
-    arguments = {**stated, **inputs}
-    arguments.pop(ONLY_CHECKED, None)
-    if job.tell:
-        arguments[job.tell] = refused
-    command = CONVERTING(job.command)
-    with limited_memory(job.recordings, job.at_once):
-        if job.command in FITTED:
-            write_fit(job, command, arguments)
-        elif job.command.__annotations__.get("return") is pl.DataFrame:
-            (file,) = job.files
-            write_table(command(**arguments), file, job.params["made_by"]["data"])
-        else:
-            command(**arguments, **job.outputs)
+    arguments = {**job.arguments, **drop_excluded(inputs, left_out.excluded)}
+    if left_out.argument:
+        arguments[left_out.argument] = refused
+    with limited_memory(job.trial.files, job.parallel_jobs):
+        table = job.function(**arguments)
+        if table is not None:
+            write_table(table, job.outputs[0], job.data)
     return ()
 
 
-def without_missing(
-    inputs: Mapping[str, Files],
+def drop_refused(
+    inputs: Mapping[str, Files], also_of: Sequence[Path] = ()
 ) -> tuple[dict[str, Files], list[NotAnalysed], list[NotAnalysed]]:
-    """Take the refusals out of the inputs of a job.
+    """Take the refused trials out of the inputs of a job.
 
-    Returns the inputs that are left, the causes of all that was refused, and those of them that
-    keep the job from running: of what it cannot run without (`without_trials`).
+    Returns the inputs that are left; the causes of all that was refused among them and in the
+    files `also_of`; and those causes that keep the job from running (`drop_trials`).
     """
     causes_of = {}
-    for files in inputs.values():
-        for file in listed(files):
-            if causes := not_analysed(file):
-                causes_of[Path(file).stem] = causes
-    usable, needed = without_trials(inputs, causes_of)
-    missing = chain(*(causes_of[name] for name in needed))
-    return usable, list(dict.fromkeys(chain(*causes_of.values()))), list(dict.fromkeys(missing))
+    for file in chain(also_of, *map(listed, inputs.values())):
+        if causes := not_analysed(file):
+            causes_of[file.stem] = causes
+    usable, needed = drop_trials(inputs, causes_of)
+    refused = dict.fromkeys(chain(*causes_of.values()))
+    missing = dict.fromkeys(chain(*(causes_of[name] for name in needed)))
+    return usable, list(refused), list(missing)
 
 
-def without_excluded(inputs: Mapping[str, Files], excluded: Collection[str]) -> dict[str, Files]:
-    """Take the files of excluded trials out of the lists of a job.
+def drop_excluded(inputs: Mapping[str, Files], excluded: Collection[str]) -> dict[str, Files]:
+    """Take the files of excluded trials out of the inputs of a job.
 
     Raises
     ------
     InputError
-        The input `trial` is excluded, or a list loses everything.
+        A single file is excluded, or a list loses everything.
     """
-    left, needed = without_trials(inputs, excluded)
+    usable, needed = drop_trials(inputs, excluded)
     if needed:
         raise InputError(
             f"quality control excludes every trial that is needed here: {', '.join(needed)}",
             f"{HOW_TO_USE}; the reasons stand in tables/excluded.csv",
         )
-    return left
+    return usable
 
 
-def without_trials(
-    inputs: Mapping[str, Files], removed: Collection[str]
+def drop_trials(
+    inputs: Mapping[str, Files], names: Collection[str]
 ) -> tuple[dict[str, Files], list[str]]:
-    """Take the files of some trials out of the lists of a job, each of them out of every list.
+    """Take the files with some names (stems) out of the inputs of a job.
 
     Returns the inputs that are left, and those of the names without which the job cannot run: of a
-    single file, or, of a job without the input `trial`, all of a list.
+    single file, or all of several.
     """
-    left = dict(inputs)
+    usable = dict(inputs)
     needed = set[str]()
-    for name, files in inputs.items():
-        stems = [Path(file).stem for file in listed(files)]
+    for argument, files in inputs.items():
         if isinstance(files, list):
-            left[name] = [file for file in files if Path(file).stem not in removed]
-        if isinstance(files, str) or not (left[name] or "trial" in inputs):
-            needed.update({*stems}.intersection(removed))
-    return left, sorted(needed)
-
-
-def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
-    """Fit a trial, and write the first of its tables to a file, the others into an archive."""
-    trial = read_trial(Path(arguments.pop("trial")))
-    tables = fit_or_advise(fit, trial, **arguments).everything()
-    first, *further = [table.name for table in FITTED[job.command].tables]
-    file, archive = job.files
-    by_place = {archive / f"{name}.csv": tables[name] for name in further}
-    by_place[file] = tables[first].with_columns(**OUTCOME).select(columns_of_trial(first))
-    write_tables(by_place, job.params["made_by"]["data"])
+            usable[argument] = [file for file in files if file.stem not in names]
+        elif isinstance(files, dict):
+            usable[argument] = {
+                name: file for name, file in files.items() if file.stem not in names
+            }
+        if isinstance(files, Path) or not usable[argument]:
+            needed.update({file.stem for file in listed(files)}.intersection(names))
+    return usable, sorted(needed)
 
 
 def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
     """Write each output with the columns that it has else, and why there is nothing in it."""
     tables = {}
-    for file in job.files:
+    for file in job.outputs:
         if file.suffix == ".csv":
             tables[file] = reason_rows(causes, columns_of_file(file))
         elif file.suffix == ".zip":
             tables[file / f"{NOT_ANALYSED_KEY}.csv"] = reason_rows(causes, ["trial"])
-            described = {Path(each.also or each.place).name: each for each in described_tables()}
-            experiment = FITTED[job.command]
-            # signals over time have one motion
-            left_out = {*ADDED_TO_ALL, "theta_deg" if experiment.motion == "omega" else "omega"}
-            for table in experiment.tables[1:]:
-                of_table = described[table.name].columns
-                columns = [name for name in of_table if name not in left_out]
+            for name, columns in columns_in_archive(file).items():
                 empty = pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
-                tables[file / f"{table.name}.csv"] = empty
+                tables[file / f"{name}.csv"] = empty
         elif file.suffix == ".parquet":
-            names = ["time", *job.params.get("needed_columns", ("theta", "torque"))]
-            write_empty(names, file, {NOT_ANALYSED_KEY: json.dumps(causes)})
+            write_empty(COLUMNS_OF_REFUSED_TRIAL, file, {NOT_ANALYSED_KEY: json.dumps(causes)})
         elif file.suffix == ".json":
             write_text(file, json.dumps({NOT_ANALYSED_KEY: causes}))
         else:  # a comment of LaTeX
             reasons = on_one_line("; ".join(cause.reason for cause in causes))
             write_text(file, f"% not made: {reasons}\n")
-    write_tables(tables, job.params["made_by"]["data"])
+    write_tables(tables, job.data)
 
 
 def columns_of_file(file: Path) -> list[str]:
@@ -276,6 +237,19 @@ def columns_of_file(file: Path) -> list[str]:
         return columns_of_trial(file.parent.name)
     columns = {table.place: [*table.columns] for table in described_tables()}
     return columns.get(f"{file.parent.name}/{file.stem}", ["trial"])
+
+
+def columns_in_archive(file: Path) -> dict[str, list[str]]:
+    """The columns of each table in the archive `fits/EXPERIMENT/TRIAL.zip`."""
+    experiment = EXPERIMENTS[file.parent.name]
+    described = {Path(table.also or table.place).name: table for table in described_tables()}
+    # signals over time have one motion
+    left_out = {*ADDED_TO_ALL, "theta_deg" if experiment.motion == "omega" else "omega"}
+    _, *further = experiment.tables  # the first is the file of the estimates
+    return {
+        table.name: [name for name in described[table.name].columns if name not in left_out]
+        for table in further
+    }
 
 
 def reason_rows(causes: Sequence[NotAnalysed], columns: Sequence[str]) -> pl.DataFrame:

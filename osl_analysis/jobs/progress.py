@@ -10,9 +10,8 @@ import re
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import chain
 from logging import WARNING, LogRecord
 from pathlib import Path
@@ -24,61 +23,12 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.base.errors import printable, without_particulars
 from osl_analysis.base.files import write_text
-from osl_analysis.config.sheet import RECORDINGS
-
-Files = str | list[str]
-"""An input of a job: a file, or a list of files."""
-
-
-def listed(files: Files) -> list[str]:
-    """Files of an input: Snakemake gives the path of a single one."""
-    return [files] if isinstance(files, str) else files
-
-
-@dataclass(frozen=True)
-class Job:
-    """What a rule gives to a job."""
-
-    command: Callable[..., Any]
-    inputs: Mapping[str, Files]
-    outputs: Mapping[str, Files]
-    params: Mapping[str, Any]
-    files: Sequence[Path]  # all outputs
-    log: Path
-    tell: str = ""  # `refused` or `not_analysed`: the argument that gets the refusals among inputs
-    at_once: int = 1  # jobs that share the memory of the machine
-
-    @property
-    def name(self) -> str:
-        """The full name of its command."""
-        return f"{self.command.__module__}.{self.command.__qualname__}"
-
-    @property
-    def simulates(self) -> bool:
-        """Whether its outputs are recordings, or their sheet, and no results."""
-        return self.command.__module__ == "osl_analysis.commands.simulate"
-
-    @property
-    def recordings(self) -> list[str]:
-        """The recordings of a trial that the job ingests, else the file of the trial that it
-        reads."""
-        if "row" in self.params:  # of the sheet
-            named = filter(None, map(self.params["row"].get, RECORDINGS))
-            return [str(Path(self.params["raw_folder"], name)) for name in named]
-        return [str(self.inputs[name]) for name in ("trial", "crossing") if name in self.inputs]
-
-    @property
-    def trial(self) -> str:
-        """The trial that the job is of; empty for one over several trials."""
-        if "row" in self.params:
-            return str(self.params["row"]["trial"])
-        return "".join(Path(file).stem for file in self.recordings)
 
 
 def write_log(path: Path, entries: dict[str, Any]) -> None:
     """Write how a job ended, as YAML.
 
-    Entries are the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line
+    Entries are the function `job`, its `outcome`, wall time `seconds`, what was wrong in the line
     `error`, the `remedy`, `warnings`, and the `traceback` of an error of the program. Outcomes:
     done; refused, for an input that the user can correct; failed, by an error of the program or of
     the system; killed, ended from outside; skipped, because an input is missing."""

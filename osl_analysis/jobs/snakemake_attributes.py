@@ -52,6 +52,6 @@ def look_for_jobs_at_once(workflow: Any) -> None:
         workflow.scheduler.job_rate_limiter = None
 
 
-def jobs_at_once(workflow: Any) -> int:
+def parallel_jobs(workflow: Any) -> int:
     """How many jobs of one core may run at once here."""
     return min(workflow.resource_settings.cores or 1, os.cpu_count() or 1)

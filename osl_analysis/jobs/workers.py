@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warm workers: processes that have imported what jobs need, and do one job after another.
+"""A pool of processes that keep the package imported.
 
-A `run:` block of a rule calls `do_job`, as `job`, in a thread of Snakemake, which waits until a
-worker has done it. To import anew for each job would take 1.4 s. A worker ends with Snakemake,
-however that ends.
+Snakemake runs each `run:` block in a thread (`force-use-threads` in the shipped profiles), which
+sends one job to an idle process and waits. Importing takes about 1.4 s, a fit a fraction of it. A
+killed process fails its own job only; the next job starts a new one. All end with Snakemake,
+however that ends. A library's pool (`loky`) was tried: `docs/decisions.md` says what it did.
+
+Example: `run_in_worker(Job(derive, [Path("a.csv")], Path("a.log"), {"table": Path("b.csv")}))`.
 """
 
 import gc
@@ -13,16 +16,15 @@ import signal
 import sys
 import threading
 from collections import defaultdict
-from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 from osl_analysis.base.files import temporary_path
 from osl_analysis.base.memory import SET_TO_ONE
-from osl_analysis.jobs.progress import Files, Job, write_log
+from osl_analysis.jobs.job import Job
+from osl_analysis.jobs.progress import write_log
 
 # of workers alone: Snakemake may have jobs of other workflows
 ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {
@@ -92,84 +94,40 @@ def serve(connection: Connection) -> None:
     gc.freeze()  # to look for garbage in all that is imported takes a twentieth of a fit
     with suppress(EOFError, ConnectionError):  # Snakemake has ended
         while True:
-            given = connection.recv()
+            job = connection.recv()
             try:
-                perform(given)
+                perform(job)
                 connection.send(None)
             except Exception as error:
                 connection.send(error)
 
 
-def do_job(
-    command: Callable[..., Any],
-    input: Any,
-    output: Any,
-    params: Any,
-    log: Any,
-    tell: str = "",
-    at_once: int = 1,
-) -> None:
-    """Have a job of a rule done by a worker.
-
-    Parameters
-    ----------
-    command
-        A function of a module: workers are told its name.
-    input, output, params, log
-        As Snakemake has them in a `run:` block. Inputs, outputs and params are the arguments of the
-        function by their names.
-    tell
-        The name of an argument that gets the causes of what was not analysed of the inputs:
-        `refused` of a function that is called whatever is missing, `not_analysed` of another one.
-    at_once
-        How many jobs share the memory of the machine.
+def run_in_worker(job: Job) -> None:
+    """Have a job done by an idle worker, or by a new one; of a worker that was killed, write the
+    log.
 
     Raises
     ------
     RuntimeError
         There is no result, and the input is not at fault.
     """
-    do_in_worker(
-        Job(
-            command,
-            plain_files(input),
-            plain_files(output),
-            dict(params.items()),
-            files=[*map(Path, output)],
-            log=Path(log[0]),
-            tell=tell,
-            at_once=at_once,
-        )
-    )
-
-
-def do_in_worker(given: Job) -> None:
-    """Do a job in a worker; of one that was killed, this writes the log."""
-    idle = IDLE[given.simulates]
+    idle = IDLE[job.simulates]
     try:
         worker = idle.pop()
     except IndexError:  # not asked for before: another thread may take the last one meanwhile
         worker = Worker()
     try:
-        worker.connection.send(given)
+        worker.connection.send(job)
         failure = worker.connection.recv()
     except (EOFError, ConnectionError):
-        for file in given.files:
+        for file in job.outputs:
             temporary_path(file, worker.process.pid).unlink(missing_ok=True)
         error = f"the process of this job was killed ({worker.end()})"
         write_log(
-            given.log,
-            {"job": given.name, "outcome": "killed", "error": error, "remedy": IF_KILLED},
+            job.log,
+            {"job": job.name, "outcome": "killed", "error": error, "remedy": IF_KILLED},
         )
         raise RuntimeError(error) from None
     idle.append(worker)
     if failure:
         raise failure
-
-
-def plain_files(files: Any) -> dict[str, Files]:
-    """Files by name, as a worker can be sent them."""
-    return {
-        name: str(file) if isinstance(file, str) else list(map(str, file))
-        for name, file in files.items()
-    }

@@ -40,10 +40,11 @@ from osl_analysis.stats.budget import (
 )
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
+from osl_analysis.stats.sources import Source
 
 WHY_NO_FIT = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
-UNEXPLAINED = "unexplained_torque"
+UNEXPLAINED = Source.UNEXPLAINED_TORQUE
 WIDE_INTERVAL = "wide_interval"
 
 
@@ -197,7 +198,7 @@ def of_spoiled(estimate: Judged, fault: KnownFinding) -> Judged:
     has_friction = estimate.own is not estimate.budget  # at whose reversals a torque leaps, too
     if has_friction or left <= estimate.needed:
         return estimate
-    row = Contribution(fault.name, left, basis="measured", part="fault")
+    row = Contribution(Source(fault.name), left, basis="measured", part="fault")
     return replace(estimate, verdict=Verdict(fault.name, estimate.needed, (row,)))
 
 

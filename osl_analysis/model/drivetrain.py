@@ -121,10 +121,6 @@ def wrong_in(name: str, quantity: Quantity) -> str:
     return f"parameter {name} = {quantity.value} {unit} must be {zero}positive, 1e-09 to 1e+09"
 
 
-# a parameter file as rules pass it on: an input without files is an empty list
-FileOrNone = Annotated[Path | None, BeforeValidator(lambda value: value or None)]
-
-
 def joint_of(path: Path) -> str:
     """The joint of the device of a parameter file. Raises as `read_parameters`."""
     return read_yaml(path, ParameterFile).joint
@@ -371,6 +367,48 @@ def predicted_impedance(
     return float(K), float(B)
 
 
+@dataclass(frozen=True)
+class MotionSpectrum:
+    """A motion as a spectrum, without its mean and without what is faster than counts, from which
+    the torques of many stiffnesses are made.
+
+    Attributes
+    ----------
+    s : Array (f,)
+        Frequencies [rad/s], times i.
+    angle : Array (f,)
+        Lines of the angle [rad].
+    n : int
+        Samples of the angle.
+    rows : int
+        The same with the mirror image that makes the angle periodic.
+    """
+
+    s: Spectrum
+    angle: Spectrum
+    n: int
+    rows: int
+
+    def torque(self, stiffness: Stiffness) -> Array:
+        """Torque (n,) [N*m] of a joint of this dynamic stiffness, or (k, n) of several (k, f)."""
+        return scipy.fft.irfft(self.angle * stiffness(self.s), self.rows)[..., : self.n]
+
+
+def motion_spectrum(theta: Array, rate_hz: float, highest_hz: float) -> MotionSpectrum:
+    """The spectrum of an angle (n,) [rad] that counts up to a frequency."""
+    n = len(theta)
+    # it rests between angle and mirror image: transforms of other lengths take up to a hundred
+    # times as long
+    rows = 2 * scipy.fft.next_fast_len(n)
+    at_rest = np.full(rows - 2 * n, theta[-1])
+    frequency_hz = scipy.fft.rfftfreq(rows, 1 / rate_hz)
+    counts = frequency_hz < highest_hz
+    angle = scipy.fft.rfft(np.concatenate([theta, at_rest, theta[::-1]]))[counts]
+    angle[0] = 0.0
+    s = np.asarray(2j * np.pi * frequency_hz[counts], dtype=np.complex128)
+    return MotionSpectrum(s, angle, n, rows)
+
+
 def linear_torque(
     stiffness: Stiffness,
     theta: Array,
@@ -394,12 +432,4 @@ def linear_torque(
     Array
         (n,) or (k, n) [N*m].
     """
-    n = len(theta)
-    # it rests between the two: transforms of other lengths take up to a hundred times as long
-    rows = 2 * scipy.fft.next_fast_len(n)
-    at_rest = np.full(rows - 2 * n, theta[-1])
-    frequency_hz = scipy.fft.rfftfreq(rows, 1 / rate_hz)
-    counts = frequency_hz < highest_hz
-    spectrum = scipy.fft.rfft(np.concatenate([theta, at_rest, theta[::-1]]))[counts]
-    spectrum[0] = 0.0
-    return scipy.fft.irfft(spectrum * stiffness(2j * np.pi * frequency_hz[counts]), rows)[..., :n]
+    return motion_spectrum(theta, rate_hz, highest_hz).torque(stiffness)

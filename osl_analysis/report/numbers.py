@@ -279,13 +279,19 @@ def to_json(about: Mapping[str, str], numbers: Iterable[Number], content: Mappin
     return json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def _letters_of_sign(sign: str) -> str:
+    """A digit or sign in letters and blanks: `2` gives `Two`, `-` gives `Hyphen Minus`."""
+    spelled = unicodedata.name(sign).title().removeprefix("Digit ")
+    return re.sub("[^A-Za-z]", " ", spelled)
+
+
 def macro_name(name: str) -> str:
     """The letters of a number's name, as LaTeX asks: `B_d 2.5` gives `BDTwoPointFive`. Digits and
     signs are spelled: `PD+` gives `PDPlusSign`."""
     words = name.replace(".", " point ").replace("_", " ")
     spelled = re.sub(
         r"[^A-Za-z ]",
-        lambda sign: f" {unicodedata.name(sign[0]).title().removeprefix('Digit ')} ",
+        lambda sign: f" {_letters_of_sign(sign[0])} ",
         words,
     )
     return "".join(word[0].upper() + word[1:] for word in spelled.split())

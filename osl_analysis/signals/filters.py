@@ -128,6 +128,30 @@ def differentiate(time: Array, theta: Array) -> Motion:
     Raises
     ------
     InputError
+        As `spline_derivatives`.
+    """
+    omega, alpha = spline_derivatives(time, theta)
+    return Motion(theta, omega, alpha)
+
+
+def spline_derivatives(time: Array, values: Array) -> tuple[Array, Array]:
+    """First and second derivative of a quintic spline through (already filtered) samples.
+
+    Parameters
+    ----------
+    time : Array
+        Rising times (n,) [s].
+    values : Array
+        Of any quantity (n, ...).
+
+    Returns
+    -------
+    tuple of Array and Array
+        (n, ...) [1/s] and [1/s^2] of the quantity.
+
+    Raises
+    ------
+    InputError
         Fewer than six samples, a value that is not finite, or a time that does not rise.
 
     Notes
@@ -136,15 +160,15 @@ def differentiate(time: Array, theta: Array) -> Motion:
     lose 3 %.
     """
     check_finite("time", time)
-    check_finite("the angle", theta)
+    check_finite("the signal", values)
     if len(time) < FEWEST_OF_QUINTIC or not (np.diff(time) > 0).all():
         raise InputError(
             f"{len(time)} samples cannot be differentiated: {FEWEST_OF_QUINTIC} or more are needed,"
             " each later than the one before",
             "take a longer window, or check the time's channel",
         )
-    spline = scipy.interpolate.make_interp_spline(time, theta, k=5)
-    return Motion(theta=theta, omega=spline(time, 1), alpha=spline(time, 2))
+    spline = scipy.interpolate.make_interp_spline(time, values, k=5)
+    return spline(time, 1), spline(time, 2)
 
 
 def power_density(signals: Array, rate_hz: float, rows: int) -> tuple[Array, Array]:
@@ -193,9 +217,10 @@ def unfollowed_density(
     segments = max(lines.shape[-1] * INDEPENDENT_OF_HALF_OVERLAPPING, 1.0)
     both = powers[0] * powers[1]
     coherence = np.divide(np.abs(cross) ** 2, both, out=np.zeros_like(both), where=both > 0)
-    is_coherent = (1 - coherence) ** (segments - 1) < false_alarm
+    unfollowed_share = np.clip(1 - coherence, 0.0, 1.0)  # rounding may exceed a coherence of 1
+    is_coherent = unfollowed_share ** (segments - 1) < false_alarm
     # powers of one-sided lines count twice
-    density = 2 * powers[0] * np.where(is_coherent, 1 - coherence, 1.0)
+    density = 2 * powers[0] * np.where(is_coherent, unfollowed_share, 1.0)
     return frequency, density
 
 

@@ -218,6 +218,8 @@ def similar_cycles(theta: Array, noise: float, moving: NDArray[np.bool_]) -> Ite
         if not is_alike or abs(sizes[number] / usual_size - 1) > SAME_AMPLITUDE:
             begins.append(number)
     for first, stop in pairwise([*begins, len(sizes)]):
+        if stop - first < 2:
+            continue
         of_median = height[first:stop] / np.median(height[first:stop])
         usual = first + np.flatnonzero(np.abs(of_median - 1) < ONE_HEIGHT)  # outside: a slow ramp
         if len(usual) > 1:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.rounding import significant
+from osl_analysis.stats.sources import Source
 
 Row = dict[str, float | str | None]
 """One row of a result table, by column. None becomes an empty field."""
@@ -32,26 +33,26 @@ motion: what another amplitude or frequency would change; fault: what a fault of
 change. The last two are in no interval."""
 IN_INTERVAL: tuple[Part, ...] = ("repeatability", "sensor", "bench")
 Basis = Literal["measured", "stated", "assumed", "bound", "weighed"]
-OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
-    "encoder": ("sensor", "measured"),
-    "held_delay": ("sensor", "measured"),
-    "friction": ("bench", "measured"),
-    "friction_sign": ("bench", "assumed"),
-    "friction_shape": ("bench", "weighed"),
-    "loading_begins": ("bench", "assumed"),
-    "spring_loss": ("bench", "assumed"),
-    "belt_error": ("bench", "assumed"),
-    "theta_m_delay": ("bench", "assumed"),
+OF_SOURCE: Mapping[Source, tuple[Part, Basis]] = {
+    Source.ENCODER: ("sensor", "measured"),
+    Source.HELD_DELAY: ("sensor", "measured"),
+    Source.FRICTION: ("bench", "measured"),
+    Source.FRICTION_SIGN: ("bench", "assumed"),
+    Source.FRICTION_SHAPE: ("bench", "weighed"),
+    Source.LOADING_BEGINS: ("bench", "assumed"),
+    Source.SPRING_LOSS: ("bench", "assumed"),
+    Source.BELT_ERROR: ("bench", "assumed"),
+    Source.THETA_M_DELAY: ("bench", "assumed"),
 }
 """Part and basis of known errors; others are stated of the bench."""
 OF_ONE_TRIAL = (
-    "held_delay",
-    "friction",
-    "friction_sign",
-    "friction_shape",
-    "loading_begins",
-    "load_cell_drift",
-    "known_part",
+    Source.HELD_DELAY,
+    Source.FRICTION,
+    Source.FRICTION_SIGN,
+    Source.FRICTION_SHAPE,
+    Source.LOADING_BEGINS,
+    Source.LOAD_CELL_DRIFT,
+    Source.KNOWN_PART,
 )
 """Known errors that the trials on a bench do not share."""
 
@@ -67,7 +68,7 @@ FLOOR = {"K": 2.0, "B": 0.1, "I": 1e-3}
 class Contribution:
     """What one source does to one estimate, in its unit; a row of `budget.csv`."""
 
-    source: str
+    source: Source
     # standard uncertainty; of a fault by how much the estimate would be another, of motion half of
     # the range; None: not known
     standard: float | None
@@ -108,10 +109,10 @@ def own_size(name: str, value: float) -> float:
 
 def scatter(standard: float, freedom: float) -> Contribution:
     """What the scatter of a recording shows."""
-    return Contribution("repeatability", standard, freedom, "measured", "repeatability")
+    return Contribution(Source.REPEATABILITY, standard, freedom, "measured", "repeatability")
 
 
-def unknown(source: str, unit: str = "", **changes: float) -> dict[str, Contribution]:
+def unknown(source: Source, unit: str = "", **changes: float) -> dict[str, Contribution]:
     """What nobody has measured, by the estimates that it would change by so much per unit; 0: by
     nobody knows how much."""
     return {
@@ -171,7 +172,7 @@ class Budget:
         """Standard uncertainty by what all trials on a bench share."""
         return math.hypot(*(each.size for each in self.of_parts(*IN_INTERVAL) if each.shared))
 
-    def of_source(self, source: str) -> list[Contribution]:
+    def of_source(self, source: Source) -> list[Contribution]:
         """The contributions of a source, of known size."""
         return [
             each
@@ -227,12 +228,12 @@ class Budget:
         harmful = [each for each in faults if each.size > limit]
         if sum(each.probability for each in harmful) <= DOUBT:
             harmful = weighed
-            of_scatter = replace(self, contributions=tuple(self.of_source("repeatability")))
+            of_scatter = replace(self, contributions=tuple(self.of_source(Source.REPEATABILITY)))
             likely = sum(each.probability for each in weighed)
             if likely <= LIKELY or of_scatter.half_width() <= needed:
                 return Verdict(WIDE if half > needed else CLEAR, limit)
         # a bound weighs as a cause of the probability `DOUBT`: a likelier one is named first
-        by_source: dict[str, float] = {}
+        by_source: dict[Source, float] = {}
         for each in harmful:
             weight = each.probability if each.basis != "bound" else DOUBT
             by_source[each.source] = by_source.get(each.source, 0.0) + weight
@@ -266,7 +267,8 @@ def budgets_in(rows: Sequence[Mapping[str, Any]], values: Mapping[str, Any]) -> 
     for row in rows:
         name = row["estimate"]
         if values.get(name) is not None:
-            found = Contribution(**{field: row[field] for field in FIELDS})
+            cells = {field: row[field] for field in FIELDS}
+            found = Contribution(**{**cells, "source": Source(row["source"])})
             budgets[name] = budgets.get(name, Budget(values[name])).plus(found)
     return budgets
 

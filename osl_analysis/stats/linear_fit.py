@@ -24,6 +24,7 @@ from osl_analysis.stats.budget import (
     scatter,
     welch_satterthwaite,
 )
+from osl_analysis.stats.sources import Source
 
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
@@ -47,7 +48,7 @@ class LinearFit:
     degrees_of_freedom: Array
     # errors that no scatter shows (type B), as source and change (p,) of the estimates by one
     # standard uncertainty
-    known_errors: tuple[tuple[str, Array], ...] = ()
+    known_errors: tuple[tuple[Source, Array], ...] = ()
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -84,12 +85,12 @@ class LinearFit:
         half = self.half_width(name)
         return self[name] - half, self[name] + half
 
-    def with_known_error(self, source: str, change: Array) -> "LinearFit":
+    def with_known_error(self, source: Source, change: Array) -> "LinearFit":
         """The fit with an error that no scatter shows.
 
         Parameters
         ----------
-        source : str
+        source : Source
             What makes it.
         change : Array (p,)
             Effect on the estimates of one standard uncertainty of a known quantity, such as a

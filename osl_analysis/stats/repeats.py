@@ -12,6 +12,7 @@ import scipy
 from osl_analysis.base.measured import check_measured, rms
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Contribution, scatter
+from osl_analysis.stats.sources import Source
 
 DOUBTFUL = "doubtful"  # column with the causes of doubt; null without any
 OTHER_ESTIMATES = ("K_", "B_", "I_", "J_j_")  # begins of estimates that have a verdict
@@ -80,7 +81,7 @@ def summary_row(table: pl.DataFrame, name: str, is_weighted: bool = False) -> di
 
     mean = float(shares @ values)
     of_mean = float(np.sqrt(shares @ (values - mean) ** 2 / (n - 1)))
-    shared = Contribution("bench", rms(of_bench))
+    shared = Contribution(Source.BENCH, rms(of_bench))
     own = float(np.linalg.norm(shares * halves)) / NORMAL_HALF_WIDTH
     by_scatter = Budget(mean, (scatter(of_mean, n - 1), shared))
     by_trials = Budget(mean, (scatter(own, math.inf), shared))

@@ -29,6 +29,7 @@ class Source(StrEnum):
     ANGLE_GAIN = "angle_gain"
     HYSTERESIS = "hysteresis"
     DELAY = "delay"
+    HELD_DELAY = "held_delay"  # what the beat of a slower torque leaves open
     FIXTURE = "fixture"
     BENCH_STIFFNESS = "bench_stiffness"
     # ... of crossings

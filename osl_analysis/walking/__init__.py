@@ -8,7 +8,7 @@ It reads as the experiment goes:
 | 1 poses of foot, shank and platform | `poses` |
 | 2 platform: motion and onset | `platform` |
 | 3 plate: wrench and stance; its own inertia; its lag | `plate`, `plate_inertia`, `plate_lag` |
-| 4 angle and torque of a crossing; what shows that its set-up is right | `crossing`, `set_up` |
+| 4 angle and torque of a crossing, geometry, set-up | `crossing`, `geometry`, `set_up` |
 | 5 window on the phase of stance, 6 isolated response | `isolated_response` |
 | 7 K, B, I | `impedance_fit` |
 | 8 which crossings count for which result | `groups` |

@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Step 4, crossing: angle and torque of one crossing, and whether its set-up allows them.
 
-The torque is computed from force and moment at the plate's origin, never from a centre of pressure,
-which is undefined while the plate is unloaded. Its changes without each plate trial, and by errors
-of the plate's lag, height, place and mass, follow it through all later steps. What is checked
-stands in `set_up`.
+The torque's changes without each plate trial, and by errors of the plate's lag, height, place and
+mass, follow it through all later steps. The equation stands in `geometry`, what is checked in
+`set_up`.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.measured import check_measured
@@ -19,10 +17,20 @@ from osl_analysis.base.trial import Array, Trial
 from osl_analysis.signals.filters import longest_run, runs, sampling_rate
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
+from osl_analysis.walking.geometry import (
+    VERTICAL,
+    Ankle,
+    Passage,
+    ankle_between,
+    ankle_torque,
+    load_on_foot,
+    moment_of_foot,
+    platform_turn,
+)
 from osl_analysis.walking.plate import (
     Stance,
-    WrenchReader,
     between,
+    check_place,
     check_plate,
     check_type_on_platform,
     check_vertical,
@@ -31,20 +39,12 @@ from osl_analysis.walking.plate import (
     zeroed_wrench,
 )
 from osl_analysis.walking.plate_inertia import PlateModel, inertial_columns
-from osl_analysis.walking.poses import (
-    FREE_FALL,
-    BodyMotion,
-    Mask,
-    Poses,
-    StaticCalibration,
-    StoredArray,
-)
+from osl_analysis.walking.poses import Mask, Poses, StaticCalibration, StoredArray
 from osl_analysis.walking.set_up import (
     CrossingQuality,
     check_followed,
     check_on_plate,
     check_onset,
-    check_place,
     check_roll,
     check_side,
     check_turn,
@@ -52,134 +52,13 @@ from osl_analysis.walking.set_up import (
 )
 from osl_analysis.walking.walking_settings import CrossingSettings
 
-PRESSED_N = 100.0  # vertical force above which a centre of pressure is defined
 SPARE_S = 0.1  # before and after stance, for the low-pass
-
-VERTICAL = np.array([0.0, 0.0, 1.0])
 
 UP = "up"  # direction of a perturbation in sheet and tables: toes up (dorsiflexion)
 DOWN = "down"
 
 PER_UNIT = ("plate_lag", "plate_height", "foot_place", "plate_mass")
 """Errors by whose ms, mm, mm and kg the last rows of `Crossing.changes` are."""
-
-
-@dataclass(frozen=True)
-class Ankle:
-    """The ankle in n frames: the means of foot's and shank's centre and axis."""
-
-    theta: Array  # joint angle (n,) [rad], dorsiflexion positive
-    centre: Array  # (n, 3) [m]
-    axis: Array  # unit vectors (n, 3) to the left
-
-    @property
-    def forward(self) -> Array:
-        """Level directions (n, 3) in which the foot points."""
-        return np.cross(self.axis, VERTICAL)
-
-    def along(self, vectors: Array) -> Array:
-        """Components (2, n) of vectors (n, 3) to the left and forward."""
-        return np.einsum("kni,ni->kn", (self.axis, self.forward), vectors)
-
-
-def ankle_between(foot: Poses, shank: Poses, calibration: StaticCalibration) -> Ankle:
-    """Find angle, centre and axis of the ankle from the poses of foot and shank."""
-    axis = (foot.rotation + shank.rotation) @ calibration.ankle_axis
-    centre = calibration.ankle_centre
-    return Ankle(
-        theta=ankle_angle(foot, shank, calibration.ankle_axis),
-        centre=(foot.point(centre) + shank.point(centre)) / 2,
-        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
-    )
-
-
-def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
-    """Joint angle theta (n,) [rad], zero in the static pose.
-
-    It is minus the twist of the foot relative to the shank about the axis (3,), which points to
-    the left: a foot that turns about it by a positive angle lowers its toes.
-    """
-    relative = np.einsum("nji,njk->nik", shank.rotation, foot.rotation)
-    quaternion = scipy.spatial.transform.Rotation.from_matrix(relative).as_quat(canonical=True)
-    return -2 * np.arctan2(quaternion[:, :3] @ axis, quaternion[:, 3])
-
-
-def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array) -> Array:
-    """Internal plantarflexion moment about the ankle's axis.
-
-    Parameters
-    ----------
-    reaction : Array
-        Force F [N] and moment M [N*m] of the ground on the foot (n, 6), in laboratory axes, about
-        the plate's centre.
-    plate_centre, ankle : Array
-        The plate's centre c and the ankle's centre a [m], (3,) or (n, 3).
-    axis : Array
-        Unit vectors (n, 3) to the left.
-
-    Returns
-    -------
-    Array
-        tau (n,) [N*m] = -(M + (c - a) x F) . axis.
-    """
-    F, M = reaction[:, :3], reaction[:, 3:]
-    about_ankle = M + np.cross(plate_centre - ankle, F)
-    return -np.sum(about_ankle * axis, axis=1)
-
-
-def load_on_foot(reaction: Array, centre: Array, ankle: Ankle) -> Array:
-    """Vertical force [N], and centre of pressure [m] to the left of the ankle and before it, 0 if
-    hardly pressed: (3, n), from the reaction (n, 6) about `centre` (n, 3) [m]."""
-    vertical = reaction[:, 2]
-    pressed = vertical > PRESSED_N
-    divisor = np.where(pressed, vertical, 1.0)[:, None]
-    from_ankle = centre + np.cross(VERTICAL, reaction[:, 3:]) / divisor - ankle.centre
-    return np.vstack([vertical, pressed * ankle.along(from_ankle)])
-
-
-def moment_of_foot(
-    foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float
-) -> Array:
-    """Torque of weight and inertia of all that moves with the foot.
-
-    Parameters
-    ----------
-    foot : BodyMotion
-        Of the foot and of its centre of mass c, n frames.
-    ankle, axis : Array
-        Centre a (n, 3) [m] and axis (n, 3) of the ankle.
-    mass, inertia : float
-        m [kg], and I [kg*m^2] about the axis through c.
-
-    Returns
-    -------
-    Array
-        (n,) [N*m]: axis . ((c - a) x m (c'' - g) + I alpha).
-    """
-    of_mass = np.cross(foot.point - ankle, mass * (foot.acceleration - FREE_FALL))
-    return np.sum(axis * (of_mass + inertia * foot.alpha), axis=1)
-
-
-@dataclass(frozen=True)
-class Passage:
-    """A crossing as markers and plate recorded it, in all k frames and in n `rows`.
-
-    The rows are stance, and up to 0.1 s before and after it for the low-pass.
-    """
-
-    name: str
-    frames: Array  # time (k,) [s] of all frames
-    recorded: dict[str, Poses]  # of foot, shank and platform in all frames, not low-passed
-    wrench: WrenchReader  # of the plate, in all frames, minus its zero
-    corners: Array  # of the plate (4, 3) [m] at rest
-    stance: Stance
-    onset: float | None  # of the perturbation [s]
-    rows: slice
-    poses: dict[str, Poses]  # in `rows`, low-passed
-
-    @property
-    def time(self) -> Array:
-        return self.frames[self.rows]
 
 
 def recorded_passage(
@@ -222,8 +101,8 @@ def recorded_passage(
 
     for segment, pose in recorded.items():
         check_followed(segment, frames, pose, stance, settings.largest_residual_mm)
-    of_foot = recorded["foot"].points(reference["foot"])
-    check_on_plate(settings.plate, frames, of_foot, stance, corners)
+    foot_markers = recorded["foot"].points(reference["foot"])
+    check_on_plate(settings.plate, frames, foot_markers, stance, corners)
     ramp = platform.ramp_of(frames, recorded["platform"], settings.smallest_turn)
     check_turn(ramp is not None, perturbed)
     if ramp is not None and onset is None:
@@ -313,8 +192,9 @@ def reactions_on_foot(
     reactions = []
     for parameters, lag in readings:
         wrench = settings.low_pass(passage.wrench(lag), rate)[rows]
-        of_foot = wrench - columns @ parameters
-        reactions.append((of_foot.reshape(-1, 2, 3) @ R_transposed).reshape(-1, 6))
+        wrench_on_foot = wrench - columns @ parameters
+        in_laboratory = wrench_on_foot.reshape(-1, 2, 3) @ R_transposed
+        reactions.append(in_laboratory.reshape(-1, 6))
     return reactions, plate.point(middle)
 
 
@@ -409,12 +289,11 @@ def analyse_crossing(
     push = ankle.along(reactions[0][:, :3])
     torque = torques[0]
     if settings.foot is not None:
-        of_foot = settings.foot
-        motion = rigid.body_motion(
-            passage.time, foot, calibration.ankle_centre + of_foot.centre_of_mass_m
-        )
+        stated_foot = settings.foot
+        centre_of_mass = calibration.ankle_centre + stated_foot.centre_of_mass_m
+        motion = rigid.body_motion(passage.time, foot, centre_of_mass)
         torque = torque + moment_of_foot(
-            motion, ankle.centre, ankle.axis, of_foot.mass_kg, of_foot.inertia_kg_m2
+            motion, ankle.centre, ankle.axis, stated_foot.mass_kg, stated_foot.inertia_kg_m2
         )
 
     # What shows that the set-up is right
@@ -453,24 +332,3 @@ def changes_of(torques: Array, reaction: Array, turned: Array, ankle: Ankle) -> 
         for direction in (VERTICAL, ankle.forward.mean(axis=0))
     )
     return np.array([*without_trials[1:], later, higher, further, heavier])
-
-
-def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, float]) -> float:
-    """Find the largest turn of the platform in a window [s] from its start.
-
-    Parameters
-    ----------
-    turned : Poses
-        Of the platform, at times (n,) [s].
-    axis : Array
-        Of the ankle (n, 3), to the left.
-
-    Returns
-    -------
-    float
-        [rad], toes up positive.
-    """
-    rotation = turned.rotation[between(time, window)]
-    vectors = scipy.spatial.transform.Rotation.from_matrix(rotation @ rotation[0].T).as_rotvec()
-    turns = -vectors @ axis.mean(axis=0)
-    return turns[np.argmax(np.abs(turns))]

@@ -232,6 +232,28 @@ def check_weight(static: Trial, mass_kg: float | None) -> None:
         )
 
 
+OTHER_PLACE_M = 0.1  # between the centres of two plates
+
+
+def check_place(corners: Array, plate: int, in_static: Mapping[int, Array]) -> None:
+    """Refuse a plate that stands where another one stood in the static trial.
+
+    `corners` (4, 3) [m] are those of the plate with the number `plate`.
+    """
+    centre = corners.mean(axis=0)
+    moved_m = {
+        number: np.linalg.norm(static.mean(axis=0) - centre) for number, static in in_static.items()
+    }
+    nearest = min(moved_m, key=moved_m.__getitem__, default=plate)
+    if moved_m.get(plate, 0.0) > OTHER_PLACE_M > moved_m.get(nearest, 0.0):
+        raise InputError(
+            f"force plate {plate} stands where plate {nearest} stood in the static trial,"
+            f" {100 * moved_m[plate]:.0f} cm from its own place: the recorder has numbered the"
+            f" plates anew. Number them as before and export again, or analyse these trials with"
+            f" their static and plate trials alone, with `walking.plate: {nearest}`"
+        )
+
+
 def check_type_on_platform(trial: Trial, plate: int) -> None:
     """Refuse a moving plate of type 1, which records the centre of pressure and no moment."""
     if recorded_plate(trial, plate).get("type") == 1:

@@ -63,6 +63,7 @@ from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
     WrenchReader,
     between,
+    check_place,
     check_type_on_platform,
     recorded_corners,
     recorded_wrench,
@@ -77,7 +78,6 @@ from osl_analysis.walking.poses import (
     StoredArray,
     cross_matrix,
 )
-from osl_analysis.walking.set_up import check_place
 from osl_analysis.walking.walking_settings import PlateModelSettings, PlatformSettings
 
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m
@@ -192,15 +192,17 @@ def identify_plate_model(
     for problem in problems:
         advise(f"excluded from the plate's model: {problem}")
 
-    axes_of_each = platform.shared_directions([recording.track for recording in usable])
-    motions = [recording.along(axes) for recording, axes in zip(usable, axes_of_each, strict=True)]
+    directions = platform.shared_directions([recording.track for recording in usable])
+    motions = [recording.along(axes) for recording, axes in zip(usable, directions, strict=True)]
     model = plate_model(motions)
     for _ in range(LAG_ROUNDS):
         noise = np.concatenate([resting_noise(motion, model) for motion in motions])
         turns = [turn for motion in motions for turn in unloaded_turns(motion, model, noise)]
         model = plate_model(motions, turns)
-    parts = [motion.shown(model.lag or 0.0).parts(motion.moves) for motion in motions]
-    model = with_height(model, [part for of_motion in parts for part in of_motion])
+    single_turns = []
+    for motion in motions:
+        single_turns += motion.shown(model.lag or 0.0).parts(motion.moves)
+    model = with_height(model, single_turns)
     if len(motions) == 1:
         return model
     without_each = []
@@ -223,7 +225,8 @@ class Shown:
     def parts(self, moves: Mask) -> "list[Shown]":
         """One part for each motion, of which the frames (n,) are given; both share the noise."""
         starts = [run.start for run in runs(moves)][1:]
-        columns, wrenches = np.split(self.columns, starts), np.split(self.wrench, starts)
+        columns = np.split(self.columns, starts)
+        wrenches = np.split(self.wrench, starts)
         share = 1 / np.sqrt(len(columns))
         return [
             Shown(columns_of, share * self.noise, wrench)
@@ -234,9 +237,9 @@ class Shown:
 def shown_together(recordings: Sequence[Shown]) -> Shown:
     """What recordings, each with a zero of its own, show together."""
     return Shown(
-        columns=np.concatenate([without_mean(each.columns) for each in recordings]),
-        noise=np.concatenate([each.noise for each in recordings]),
-        wrench=np.concatenate([without_mean(each.wrench) for each in recordings]),
+        columns=np.concatenate([without_mean(shown.columns) for shown in recordings]),
+        noise=np.concatenate([shown.noise for shown in recordings]),
+        wrench=np.concatenate([without_mean(shown.wrench) for shown in recordings]),
     )
 
 
@@ -562,14 +565,14 @@ def resting_noise(motion: UnloadedMotion, model: PlateModel) -> Array:
     times the standard error by rests of 0.5, 0.2 and 0.1 s, and are 0.8 to 0.9 times it with this
     factor and the rests of all recordings together (campaigns of benchmarks/planted_gait.py, cut).
     """
-    own = motion.noisy_columns @ model.parameters
-    noise = motion.wrench_at(model.lag or 0.0) - own
+    plate_wrench = motion.noisy_columns @ model.parameters
+    noise = motion.wrench_at(model.lag or 0.0) - plate_wrench
     spread = SPREAD_S * sampling_rate(motion.time)
-    of_rests = [noise[:0]]
+    parts = [noise[:0]]
     for rest in motion.rests:
         hidden_share = spread / (rest.stop - rest.start)
-        of_rests.append((1 + hidden_share) * without_mean(noise[rest]))
-    return np.concatenate(of_rests) * WEIGHT
+        parts.append((1 + hidden_share) * without_mean(noise[rest]))
+    return np.concatenate(parts) * WEIGHT
 
 
 def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[TurnLag] | None:
@@ -606,14 +609,14 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
             continue
 
         # over all times at which the turn may meet the noise; without rests, its own residual
-        of_turn = noise if len(noise) else wrench - expected
-        met = scipy.signal.oaconvolve(of_turn, by_lag[::-1], axes=0).sum(axis=1)
+        possible_noise = noise if len(noise) else wrench - expected
+        met = scipy.signal.oaconvolve(possible_noise, by_lag[::-1], axes=0).sum(axis=1)
         turns.append(
             TurnLag(
                 motion.name,
                 time=float(motion.time[rows] @ np.sum(by_lag**2, axis=1) / square),
                 lag=float(lag),
-                se=max(float(np.sqrt(met @ met / len(of_turn)) / square), LAG_ROUNDING),
+                se=max(float(np.sqrt(met @ met / len(possible_noise)) / square), LAG_ROUNDING),
             )
         )
     return None if unexplained > LARGEST_NOISE_SHARE * recorded else turns
@@ -645,8 +648,8 @@ def height_of(directions: Array, recordings: Sequence[Shown]) -> float:
     moment = np.cross(np.array([0.0, 0.0, 1.0]), together.wrench[:, :3])
     lever = np.hstack([np.zeros_like(moment), moment])[:, :, None]
     X = np.column_stack([stacked_columns(together.columns) @ directions, stacked_columns(lever)])
-    of_noise = stacked_columns(together.noise) @ directions
+    marker_noise = stacked_columns(together.noise) @ directions
     squares = X.T @ X
-    squares[:-1, :-1] -= of_noise.T @ of_noise
+    squares[:-1, :-1] -= marker_noise.T @ marker_noise
     right = X.T @ (together.wrench * WEIGHT).T.ravel()
     return (np.linalg.pinv(squares, hermitian=True) @ right)[-1]

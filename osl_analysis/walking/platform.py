@@ -65,9 +65,9 @@ def screw_scale(reference: Array) -> Array:
     """
     local = reference - reference.mean(axis=0)
     inertia, axes = np.linalg.eigh(np.sum(local**2) * np.eye(3) - local.T @ local)
-    of_rotation = (axes * np.sqrt(inertia)) @ axes.T
-    of_translation = np.sqrt(len(reference)) * np.eye(3)
-    return scipy.linalg.block_diag(of_rotation, of_translation)
+    rotation_scale = (axes * np.sqrt(inertia)) @ axes.T
+    translation_scale = np.sqrt(len(reference)) * np.eye(3)
+    return scipy.linalg.block_diag(rotation_scale, translation_scale)
 
 
 def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
@@ -199,8 +199,8 @@ def platform_track(
     if not bends.size:
         return track
     # half of normal noise, times sqrt(1.5) of a bend, lies between its quantiles 0.375 and 0.625
-    of_speed = np.quantile(bends, 0.25) / (scipy.special.ndtri(0.625) * np.sqrt(1.5))
-    noise = of_speed / np.sqrt(noise_gain(track.low_pass, rate, 1))
+    speed_noise = np.quantile(bends, 0.25) / (scipy.special.ndtri(0.625) * np.sqrt(1.5))
+    noise = speed_noise / np.sqrt(noise_gain(track.low_pass, rate, 1))
     return replace(track, noise=max(noise, MARKER_ROUNDING))
 
 
@@ -211,8 +211,8 @@ def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
     platform may turn in one trial and shift in another.
     """
     together = moving_directions(tracks)
-    of_trials = [moving_directions([track]) for track in tracks]
-    return [together if len(alone) == len(together) else alone for alone in of_trials]
+    by_trial = [moving_directions([track]) for track in tracks]
+    return [together if len(alone) == len(together) else alone for alone in by_trial]
 
 
 def moving_directions(tracks: Sequence[PlatformTrack]) -> Array:

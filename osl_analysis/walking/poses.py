@@ -20,7 +20,7 @@ from pydantic import PlainSerializer, PlainValidator
 
 from osl_analysis.base.errors import InputError, nearest
 from osl_analysis.base.trial import Array, Trial, marker_columns
-from osl_analysis.signals.filters import differentiate, sampling_rate
+from osl_analysis.signals.filters import sampling_rate, spline_derivatives
 from osl_analysis.walking.walking_settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
@@ -344,18 +344,20 @@ def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
     The angular velocity w is read from the antisymmetric matrix R' R^T, whose product with a
     vector v is w x v.
     """
-    R_rate = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
-    spin = R_rate @ np.swapaxes(poses.rotation, 1, 2)
+    rotation_rate, _ = spline_derivatives(time, poses.rotation)
+    spin = rotation_rate @ np.swapaxes(poses.rotation, 1, 2)
     omega = 0.5 * np.stack(
         [spin[:, k - 1, k - 2] - spin[:, k - 2, k - 1] for k in range(3)], axis=1
     )
-    path = differentiate(time, poses.point(point))
+    alpha, _ = spline_derivatives(time, omega)
+    path = poses.point(point)
+    _, acceleration = spline_derivatives(time, path)
     return BodyMotion(
         rotation=poses.rotation,
         omega=omega,
-        alpha=differentiate(time, omega).omega,
-        point=path.theta,
-        acceleration=path.alpha,
+        alpha=alpha,
+        point=path,
+        acceleration=acceleration,
     )
 
 

@@ -6,9 +6,9 @@ cluster, the ankle between foot and shank, the platform at rest and the corners.
 What differs is named by itself. Markers alone tell whether they were smoothed or filled.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy
@@ -17,6 +17,7 @@ from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Array, Trial
 from osl_analysis.signals.filters import longest_run
 from osl_analysis.walking import platform
+from osl_analysis.walking.geometry import Ankle, Passage
 from osl_analysis.walking.plate import (
     FLAT,
     SINGLE_SUPPORT,
@@ -27,15 +28,10 @@ from osl_analysis.walking.plate import (
 from osl_analysis.walking.poses import Poses, StaticCalibration, marker_tracks, moved_marker
 from osl_analysis.walking.walking_settings import CrossingSettings
 
-if TYPE_CHECKING:
-    from osl_analysis.walking.crossing import Ankle, Passage
-
-
 FRAMES_OF_SPECTRUM = 128  # of markers: 0.4 s at 300 Hz
 SLOW_NOISE = (0.05, 0.12)  # frequencies of marker noise, as shares of their rate
 FAST = (0.4, 0.5)
 LEAST_RESIDUAL_M = 1e-5  # of a foot's rigid body: what is less is no measured one
-OTHER_PLACE_M = 0.1  # between the centres of two plates
 LARGEST_OUTSIDE_M = 0.02  # of a foot marker from the plate: markers stand so far off the sole
 LATE = (0.6, SINGLE_SUPPORT[1])  # phases in which every foot pushes off, the toes down
 SMALLEST_CHANGE = np.array([0.03, 20.0])  # of roll [m] and push [N] that have a direction
@@ -46,8 +42,8 @@ LARGEST_TURN_DEG = 60.0
 
 def differences(
     trial: Trial,
-    passage: "Passage",
-    ankle: "Ankle",
+    passage: Passage,
+    ankle: Ankle,
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> dict[str, float]:
@@ -73,9 +69,11 @@ def differences(
         distances[f"marker {names[marker]} of the {segment}"] = distance_m
 
     inside = undisturbed.contains(passage.time)
-    of_foot = passage.poses["foot"].point(calibration.ankle_centre)
-    apart = 2 * (of_foot - ankle.centre)[inside]  # the shank's centre is as far on the other side
-    in_foot = np.einsum("nji,nj->ni", passage.poses["foot"].rotation[inside], apart)
+    foot = passage.poses["foot"]
+    foot_centre = foot.point(calibration.ankle_centre)
+    # the shank's centre is as far on the other side of the ankle's
+    distance = 2 * (foot_centre - ankle.centre)[inside]
+    in_foot = np.einsum("nji,nj->ni", foot.rotation[inside], distance)
     distances["the ankle between foot and shank"] = float(np.linalg.norm(in_foot.mean(axis=0)))
 
     in_static = calibration.corners.get(settings.plate)
@@ -111,8 +109,8 @@ class CrossingQuality:
 
 def crossing_quality(
     trial: Trial,
-    passage: "Passage",
-    ankle: "Ankle",
+    passage: Passage,
+    ankle: Ankle,
     load: Array,
     calibration: StaticCalibration,
     settings: CrossingSettings,
@@ -125,9 +123,9 @@ def crossing_quality(
     _, left_m, forward_m = load[:, :, None]
     pressure = (ankle.centre + left_m * ankle.axis + forward_m * ankle.forward)[flat]
     unlike_static = differences(trial, passage, ankle, calibration, settings)
-    platform = passage.poses["platform"][flat]
-    of_platform = platform.points(calibration.positions(settings.markers.platform))
-    points = np.concatenate([markers, of_platform], axis=1).reshape(-1, 3)
+    plate_poses = passage.poses["platform"][flat]
+    platform_markers = plate_poses.points(calibration.positions(settings.markers.platform))
+    points = np.concatenate([markers, platform_markers], axis=1).reshape(-1, 3)
     heights = points[outside(points, passage.corners) == 0, 2]
     above_m = passage.corners[:, 2].mean() - heights.min(initial=np.inf)
     what = f"the corners of force plate {settings.plate} above a marker that is over it"
@@ -163,7 +161,7 @@ def marker_noise_ratio(trial: Trial, names: Sequence[str]) -> float | None:
     return float(high / low) if low else None
 
 
-def window_quality(passage: "Passage", window_s: float) -> dict[str, float]:
+def window_quality(passage: Passage, window_s: float) -> dict[str, float]:
     """Residual of the foot's rigid body in the window over that of stance before, which filled
     markers raise; and how much of the platform's turn the window shows."""
     if passage.onset is None:
@@ -178,25 +176,6 @@ def window_quality(passage: "Passage", window_s: float) -> dict[str, float]:
     if usual > LEAST_RESIDUAL_M:
         ratios["foot_residual_ratio"] = float(in_window / usual)
     return ratios
-
-
-def check_place(corners: Array, plate: int, in_static: Mapping[int, Array]) -> None:
-    """Refuse a plate that stands where another one stood in the static trial.
-
-    `corners` (4, 3) [m] are those of the plate with the number `plate`.
-    """
-    centre = corners.mean(axis=0)
-    moved_m = {
-        number: np.linalg.norm(static.mean(axis=0) - centre) for number, static in in_static.items()
-    }
-    nearest = min(moved_m, key=moved_m.__getitem__, default=plate)
-    if moved_m.get(plate, 0.0) > OTHER_PLACE_M > moved_m.get(nearest, 0.0):
-        raise InputError(
-            f"force plate {plate} stands where plate {nearest} stood in the static trial,"
-            f" {100 * moved_m[plate]:.0f} cm from its own place: the recorder has numbered the"
-            f" plates anew. Number them as before and export again, or analyse these trials with"
-            f" their static and plate trials alone, with `walking.plate: {nearest}`"
-        )
 
 
 def check_followed(

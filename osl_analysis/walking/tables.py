@@ -20,6 +20,7 @@ from osl_analysis.base.trial import Array
 from osl_analysis.signals.filters import sampling_rate
 from osl_analysis.stats.budget import QUANTITIES, Budget, Contribution, budget_rows, unknown
 from osl_analysis.stats.repeats import doubtful_row
+from osl_analysis.stats.sources import Source
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
 from osl_analysis.walking.impedance_fit import (
@@ -127,11 +128,11 @@ def group_fit(
         without_unperturbed.append(estimates_and_vaf(replace(others, predictors=chosen)))
 
     response = replace(mean, predictors=predictors)
-    of_crossings = replace(SCATTER, freedom=len(responses) - 1.0)
-    of_gait = replace(SCATTER, freedom=crossings - 1.0 - len(predictors))
     rows = [
-        of_source("crossings", jackknife_ses(without_perturbed), of_crossings),
-        of_source("mean_gait", jackknife_ses(without_unperturbed), of_gait),
+        of_scatter(Source.CROSSINGS, without_perturbed, freedom=len(responses) - 1.0),
+        of_scatter(
+            Source.MEAN_GAIT, without_unperturbed, freedom=crossings - 1.0 - len(predictors)
+        ),
         *errors,
         *of_choices(response),
     ]
@@ -160,23 +161,42 @@ def with_late_torque(fit: GroupFit) -> GroupFit:
     K = budgets["K"].value
     B = budgets["B"].value
     lag_s = -budgets["I"].value / B
-    for name, row in of_source("late_torque", lag_s * np.array([0.0, K, B]), LATE_PLATE).items():
+    late_plate = Contribution(
+        Source.LATE_TORQUE,
+        None,
+        basis="measured",
+        part="fault",
+        detail="a lag that makes I negative",
+    )
+    for name, row in of_estimates(late_plate, lag_s * np.array([0.0, K, B])).items():
         budgets[name] = budgets[name].plus(row)
     return replace(fit, budgets=budgets)
 
 
-SCATTER = Contribution("", None, basis="measured", part="repeatability")  # of this campaign
-BY_ALL_CROSSINGS = Contribution("", None, basis="measured", shared=True)  # by all crossings
-LATE_PLATE = Contribution(
-    "", None, basis="measured", part="fault", detail="a lag that makes I negative"
-)
-CHOSEN = Contribution("", None, basis="assumed", part="motion")  # half of another choice's change
-
-
-def of_source(source: str, standards: Array, row: Contribution = BY_ALL_CROSSINGS) -> Contributions:
-    """A row for each of K, B and I, or of `NAMES`, by the standard uncertainties (3,) or (4,)."""
+def of_estimates(contribution: Contribution, standards: Array) -> Contributions:
+    """A contribution to each of K, B and I, or of `NAMES`, by the standard uncertainties (3,) or
+    (4,)."""
     sizes = zip(NAMES[: len(standards)], np.abs(standards), strict=True)
-    return {name: replace(row, source=source, standard=float(size)) for name, size in sizes}
+    return {name: replace(contribution, standard=float(size)) for name, size in sizes}
+
+
+def of_scatter(source: Source, without_one: Sequence[Array], freedom: float) -> Contributions:
+    """What the scatter of crossings contributes, by the estimates without each of them."""
+    scatter = Contribution(source, None, freedom, basis="measured", part="repeatability")
+    return of_estimates(scatter, jackknife_ses(without_one))
+
+
+def by_all_crossings(
+    source: Source, standards: Array, freedom: float | None = None
+) -> Contributions:
+    """What all crossings of a campaign tell of an error that they share."""
+    shared = Contribution(source, None, freedom, basis="measured", shared=True)
+    return of_estimates(shared, standards)
+
+
+def by_choice(source: Source, changes: Array) -> Contributions:
+    """Half of the changes (3,) by another choice of the analysis."""
+    return of_estimates(Contribution(source, None, basis="assumed", part="motion"), changes / 2)
 
 
 def of_set_up(
@@ -190,26 +210,27 @@ def of_set_up(
     of_lag, of_height, of_place, of_mass = by_unit
 
     rows = [
-        unknown("walking_unseen", "% of the plate's gain", K=fit_response(response)["K"] / 100),
-        unknown("walking_unseen", "mm of the foot's place", K=of_place[0]),
+        unknown(
+            Source.WALKING_UNSEEN, "% of the plate's gain", K=fit_response(response)["K"] / 100
+        ),
+        unknown(Source.WALKING_UNSEEN, "mm of the foot's place", K=of_place[0]),
     ]
     if len(by_trial) > 1:
         ses = jackknife_ses(by_trial)
-        row = replace(BY_ALL_CROSSINGS, freedom=len(by_trial) - 1.0)
-        rows.append(of_source("plate_inertia", ses, row))
+        rows.append(by_all_crossings(Source.PLATE_INERTIA, ses, freedom=len(by_trial) - 1.0))
     else:
-        rows.append(of_error("plate_inertia", "kg", of_mass, None))
-    rows.append(of_error("plate_lag", "ms", of_lag, timing.se))
-    rows.append(of_error("plate_height", "mm", of_height, plate.height_se))
+        rows.append(of_error(Source.PLATE_INERTIA, "kg", of_mass, None))
+    rows.append(of_error(Source.PLATE_LAG, "ms", of_lag, timing.se))
+    rows.append(of_error(Source.PLATE_HEIGHT, "mm", of_height, plate.height_se))
     return rows
 
 
-def of_error(source: str, unit: str, changes: Array, standard: float | None) -> Contributions:
+def of_error(source: Source, unit: str, changes: Array, standard: float | None) -> Contributions:
     """What an error contributes, by the changes (3,) of K, B and I per ms or mm and its standard
     uncertainty [s] or [m]; where nobody has measured it (None), these changes."""
     if standard is None:
-        return unknown("plate_unseen", unit, **dict(zip(QUANTITIES, changes, strict=True)))
-    return of_source(source, 1e3 * standard * changes)
+        return unknown(Source.PLATE_UNSEEN, unit, **dict(zip(QUANTITIES, changes, strict=True)))
+    return by_all_crossings(source, 1e3 * standard * changes)
 
 
 def of_choices(response: PerturbationResponse) -> list[Contributions]:
@@ -223,8 +244,8 @@ def of_choices(response: PerturbationResponse) -> list[Contributions]:
     X = np.column_stack([response.fitted_motion.columns, np.ones(last - first)])
     with_offset = np.linalg.lstsq(X, response.fitted_torque)[0][:-1]
     return [
-        of_source("window", (longer - shorter) / 2, CHOSEN),
-        of_source("offset", (with_offset - estimates_of(response)) / 2, CHOSEN),
+        by_choice(Source.WINDOW, longer - shorter),
+        by_choice(Source.OFFSET, with_offset - estimates_of(response)),
     ]
 
 
@@ -235,7 +256,7 @@ def of_onset(response: PerturbationResponse, timing: PlateTiming) -> Contributio
     earlier = estimates_of(response, slice(first - 1, last - 1))
     later = estimates_of(response, slice(first + 1, last + 1))
     frames = timing.onset_se * sampling_rate(response.time)
-    return of_source("onset", frames * (later - earlier) / 2)
+    return by_all_crossings(Source.ONSET, frames * (later - earlier) / 2)
 
 
 SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count
@@ -268,7 +289,7 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
     mean = headline.ensemble.response
     budgets = headline.ensemble.budgets
     K = budgets["K"].value
-    (of_offset,) = budgets["K"].of_source("offset")
+    (of_offset,) = budgets["K"].of_source(Source.OFFSET)
     estimates: dict[str, Any] = {}
     for name in QUANTITIES:
         estimates.update(budgets[name].columns(name))

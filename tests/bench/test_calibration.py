@@ -17,7 +17,7 @@ from bench_synthetic import (
     stepped_sine,
     with_settings,
 )
-from conftest import findings_of, half_width, marked, refused_with, white_noise
+from conftest import findings_of, half_width, joint_trial, marked, refused_with, white_noise
 from scipy.interpolate import CubicSpline
 from scipy.stats import uniform
 from shipped import CONFIG
@@ -30,7 +30,7 @@ from osl_analysis.bench.bench_settings import (
     Calibration,
     Fixture,
 )
-from osl_analysis.bench.calibration import SPRING_LOSS, with_fixture
+from osl_analysis.bench.calibration import SPRING_LOSS, fixture_column, with_fixture
 from osl_analysis.bench.friction import coulomb_fit
 from osl_analysis.bench.impedance import fit_all_groups
 from osl_analysis.bench.regression import IMPEDANCE, SHARP_WIDTH, sums_of
@@ -307,6 +307,46 @@ def test_a_fixture_alone_gives_its_inertia_and_weight_and_what_to_write(weight, 
     assert stated["weight_error"] == pytest.approx(standard_error(row, "weight"), rel=0.05)
 
 
+def pendulum(largest_deg, rest_deg, seed=1):
+    """A fixture alone of 3.31 N*m that hangs at an angle, turned by so much to each side."""
+    rng = np.random.default_rng(seed)
+    time, motion = sines(rng, np.linspace(0.3, 2.0, 8), 3.0, 30.0, rate=200.0)
+    theta, _, alpha = np.array(motion) * np.deg2rad(largest_deg) / np.abs(motion[0]).max()
+    torque = 0.164 * alpha + 3.31 * np.sin(theta - np.deg2rad(rest_deg)) + 0.4
+    return joint_trial(time, theta, torque + 0.05 * rng.standard_normal(time.size))
+
+
+@pytest.mark.parametrize("largest_deg", [19.0, 60.0])
+@pytest.mark.parametrize("rest_deg", [4.0, -20.0, 180.0])
+def test_a_fixture_is_fitted_as_it_is_taken_off(largest_deg, rest_deg):
+    row = calibrated(pendulum(largest_deg, rest_deg), fixture="alone")
+
+    assert row["weight"] == pytest.approx(3.31, rel=0.02)
+    assert row["rest_deg"] == pytest.approx(rest_deg, abs=2.0)
+    stated = Fixture(**yaml.safe_load(row["to_state"])["fixture"])
+    assert 3 * stated.rest_error_deg > abs(row["rest_deg"] - rest_deg)
+    assert 3 * stated.weight_error > abs(row["weight"] - 3.31)
+
+
+def test_where_a_small_motion_does_not_tell_the_rest_its_middle_is_taken_and_has_no_interval():
+    row = calibrated(pendulum(2.0, 20.0), fixture="alone")
+
+    assert row["rest_deg"] == pytest.approx(0.0, abs=0.5)
+    assert row["rest_deg_low"] is None
+    assert row["weight"] == pytest.approx(3.31 * np.cos(np.deg2rad(20)), rel=0.06)
+
+
+@pytest.mark.parametrize(("rest_deg", "is_other"), [(4.0, False), (8.0, True)])
+def test_a_fixture_that_is_stated_to_hang_elsewhere_is_another(rest_deg, is_other):
+    bench = CONFIG.dynamometer.model_copy(
+        update={"fixture": Fixture(inertia=0.164, weight=3.31, rest_deg=rest_deg)}
+    )
+
+    row = calibrated(pendulum(40.0, 4.0), bench, fixture="alone")
+
+    assert (row["fixture_error"] > 1) == is_other
+
+
 def on_frame(trial, stiffness):
     """The same recording on a bench whose encoder stands before a frame [N*m/rad] that yields."""
     joint = trial.samples["theta"].to_numpy()
@@ -346,6 +386,15 @@ def test_a_fixture_of_the_sheet_comes_before_that_of_the_settings():
 
     kept = with_fixture(trial, Fixture(inertia=0.012))
     assert origin(kept, "torque")["fixture"] == {"inertia": 0.02}
+
+
+def test_a_fixture_of_no_weight_is_stated_and_keeps_that_of_the_settings_away():
+    trial = Trial("a", spring().samples, {"columns": {"torque": {"fixture": {"weight": 0.0}}}})
+
+    kept = with_fixture(trial, Fixture(inertia=0.012))
+
+    assert origin(kept, "torque")["fixture"] == {"weight": 0.0}
+    assert kept.samples.select(fixture_column(kept))["fixture"][0] == "none"
 
 
 @pytest.mark.parametrize("ppm", [-15.0, 15.0])

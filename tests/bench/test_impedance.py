@@ -21,7 +21,7 @@ from shipped import CONFIG
 from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.base.table import write_tables
 from osl_analysis.bench.bench_settings import Calibration, Fixture
-from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
+from osl_analysis.bench.evidence import UNSTATED, DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.commands.figure import fig4
@@ -109,7 +109,7 @@ def test_fig4_shows_the_reported_fit_without_the_fixture(tmp_path):
     trial = joint_trial(record.time, record.theta, record.torque)
     settings = sine_settings([round(np.rad2deg(a), 9) for a in PROTOCOL.amplitudes], (1, 3, 5), 9)
     settings = settings.model_copy(update={"fixture": Fixture(inertia=0.02, weight=40.0)})
-    tables = fit_impedance_trial(trial, None, None, PAPER_WEIGHT, settings).everything()
+    tables = fit_impedance_trial(trial, None, UNSTATED, PAPER_WEIGHT, settings).everything()
     table = tables["impedance"].with_columns(doubtful=pl.lit("K: friction"))
     series = tmp_path / f"{trial.name}.zip"
     write_tables({series / "series.csv": tables["series"], tmp_path / "impedance.csv": table})

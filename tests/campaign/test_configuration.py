@@ -364,6 +364,23 @@ def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
         read_parameters(path)
 
 
+def test_the_shipped_parameters_are_those_of_hardware_and_publications():
+    """The reflected inertia n_T^2 J_m is that of the design, 0.196 kg*m^2; with the teeth that the
+    draft's Table I prints, 83/11, it would be 0.52."""
+    default, later = (
+        read_parameters(PARAMETERS / f"{name}.yaml") for name in ("default", "osl-v2-published")
+    )
+    with pytest.warns(UserWarning, match="83/11"):
+        printed = read_parameters(PARAMETERS / "table1-as-printed.yaml")
+
+    assert (default.n_T, default.n_m * default.n_T, default.K_s) == pytest.approx(
+        (83 / 18, 41.5, 685.6)
+    )
+    assert default.n_T**2 * default.J_m == pytest.approx(0.196, abs=5e-4)
+    assert printed.n_T**2 * printed.J_m == pytest.approx(0.52, abs=5e-3)
+    assert (later.K_s, later.K_s2, later.B_m) == (876, 14913, 6.06e-2)
+
+
 # The simulator follows the configuration in what both use: device, gains, protocol, desired
 # impedance.
 

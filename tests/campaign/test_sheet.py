@@ -114,6 +114,12 @@ def test_a_cell_that_its_trial_cannot_have_is_named(tmp_path, experiment, column
         read_sheet(sheet(tmp_path, text))
 
 
+def test_a_weight_of_zero_is_filled_in_beside_the_angle_at_which_it_hangs(tmp_path):
+    text = "trial,experiment,log,log_source,fixture_weight,fixture_rest_deg\na,belt,a,s,0,9\n"
+
+    assert read_sheet(sheet(tmp_path, text))["a"]["fixture_weight"] == 0.0
+
+
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
@@ -308,6 +314,14 @@ def test_a_copy_of_a_log_is_no_second_trial_of_its_experiment(tmp_path):
         check_campaign(campaign)
     belt = two_of_one_log(tmp_path, **copy, experiment="belt")
     check_campaign(opened(tmp_path, rows=belt, **recorded))
+
+
+def test_a_copy_of_a_capture_is_no_second_crossing(tmp_path):
+    for name in ("u0", "u1"):
+        (tmp_path / f"{name}.c3d").write_bytes(b"1 2 3")
+
+    with refused_with("trial 'u1':.*u1.c3d.*u0.c3d,"):
+        check_campaign(opened(tmp_path, simulation=None, raw_data=tmp_path))
 
 
 def test_excluded_trials_have_their_reason_and_some_trial_must_be_left(tmp_path):

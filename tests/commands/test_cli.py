@@ -104,6 +104,21 @@ def test_a_raw_recording_is_fitted_with_its_source_as_after_ingest(folder):
     assert raw.name in one_line(call("fit", raw, "--source", raw))
 
 
+@pytest.mark.parametrize("trial", [["--trial", TRIAL], []])
+def test_a_campaign_is_simulated_with_the_configuration_that_is_named(tmp_path, trial):
+    """A belt of 200 N*m/rad cannot render the 300 of the trial."""
+    belt = (ROOT / "config/parameters/default.yaml").read_text()
+    assert "value: 685.6" in belt
+    (tmp_path / "soft.yaml").write_text(belt.replace("value: 685.6", "value: 200"))
+    config = SETTINGS | {"parameters": str(tmp_path / "soft.yaml")}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
+
+    settings = ["--settings", "tests/tiny_simulation.yaml", "--config", tmp_path / "config.yaml"]
+    message = one_line(call("simulate", *settings, *trial, tmp_path / "recordings"))
+
+    assert "K_s = 200 N*m/rad" in message
+
+
 def test_fit_says_what_it_cannot_check_and_takes_an_overriding_file(folder, tmp_path):
     own = yaml.safe_load((folder / "config.yaml").read_text())
     config = tmp_path / "own.yaml"

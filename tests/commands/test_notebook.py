@@ -71,13 +71,13 @@ def of_campaign(experiment, folder, config_path):
     name = "impedance" if experiment in ("any motion", "friction") else experiment
     write_trial(bench_trial(experiment), folder / "made.parquet")
     condition = {"impedance": DESIRED, "torque_angle": {"desired": "line"}}.get(name)
-    given = fits.fit_arguments(name, config, DEVICE, condition)
-    found = fits.FITS[name](osl.read_trial(folder / "made.parquet"), **given).everything()
+    trial = osl.read_trial(folder / "made.parquet")
+    tables = fits.run_fit(name, trial, DEVICE, config, condition).everything()
     files = {
         table.name: folder / f"fits/{table.name}/made.csv" for table in EXPERIMENTS[name].tables
     }
     for table, path in files.items():
-        write_table(found[table], path)
+        write_table(tables[table], path)
     return files
 
 

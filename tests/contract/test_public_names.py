@@ -87,6 +87,8 @@ def laboratory(tmp_path, monkeypatch, names_of_examples):
     (tmp_path / "bench.yaml").write_text(SOURCE)
     rows = "".join(f"{k / 100},{k % 7},{k}\n" for k in range(200))
     (tmp_path / "bench.csv").write_text(f"t,a,m\n{rows}")
+    knee = (ROOT / "docs/five_minutes/knee_K100_B1.csv").read_text()
+    (tmp_path / "knee.csv").write_text(knee.replace("knee_angle_deg", "theta_deg"))
     tiny = (ROOT / "tests/tiny_simulation.yaml").read_text()
     (tmp_path / "tiny.yaml").write_text(tiny)
     monkeypatch.chdir(tmp_path)

@@ -92,10 +92,10 @@ import snakemake.cli
 from click.testing import CliRunner
 from osl_analysis.jobs import perform, workers
 
-def do_here(given):  # without a process of workers, whose imports take 2 s
-    perform.perform(given)
+def do_here(job):  # without a process of workers, whose imports take 2 s
+    perform.perform(job)
 
-workers.do_in_worker = do_here
+workers.run_in_worker = do_here
 targets = ["results/tables/damper.csv", "results/tables/rates.csv"]
 with suppress(SystemExit):
     snakemake.cli.main([*targets, "--configfile", "config.yaml", "--cores", "1"])

@@ -2,6 +2,7 @@
 """What a draft takes each channel for, over recordings of many laboratories."""
 
 import sys
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import yaml
 from conftest import ROOT, white_noise
 from scipy.io import savemat
 
+from osl_analysis.draft.draft_campaign import draft_campaign
 from osl_analysis.draft.draft_source import draft_source, entries_of, guesses_of
 from osl_analysis.draft.likelihood import guessed_columns, likelihoods
 from osl_analysis.draft.overview import inspect_recording
@@ -146,3 +148,17 @@ def test_a_clock_in_another_part_of_a_file_goes_before_a_rate_in_its_text(tmp_pa
     (tmp_path / "a.yaml").write_text(yaml.safe_dump(drafted))
     samples = read_converted(tmp_path / "a.mat", read_source(tmp_path / "a.yaml")).samples
     np.testing.assert_allclose(samples["time"], time - time[0])
+
+
+def test_times_of_day_tell_how_often_an_angle_turns(tmp_path):
+    """By rows alone the experiment would be unknown."""
+    rows = ["time,angle_rad,torque_Nm"]
+    start = datetime(2026, 3, 2, 9, 30)
+    for number, (theta, torque) in enumerate(zip(READS["theta"], READS["torque"], strict=True)):
+        stamp = start + timedelta(milliseconds=10 * number)
+        rows.append(f"{stamp.isoformat(timespec='milliseconds')},{theta:.7f},{torque:.7f}")
+    (tmp_path / "a.csv").write_text("\n".join(rows))
+
+    (trial,) = draft_campaign(tmp_path).trials
+
+    assert trial.cells["experiment"] == "impedance"

@@ -530,6 +530,12 @@ def test_what_google_wrote_is_read(tmp_path):
     assert_decoded(path, [expected, {}])
 
 
+def test_what_is_absent_in_a_message_of_google_and_not_optional_is_zero(tmp_path):
+    path = write_protobuf(tmp_path, [Timestamp(), Timestamp(seconds=2**40)])
+
+    assert_decoded(path, [{"seconds": 0, "nanos": 0}, {"seconds": 2**40, "nanos": 0}])
+
+
 def test_without_the_library_of_protobuf_it_is_named(tmp_path, monkeypatch):
     path = write_protobuf(tmp_path, [Timestamp(seconds=5)] * 3)
     monkeypatch.setitem(sys.modules, "mcap_protobuf.decoder", None)

@@ -19,7 +19,12 @@ from osl_analysis.inference.candidate_models import (
     low_passed,
 )
 from osl_analysis.inference.rounding_errors import repeated_share
-from osl_analysis.inference.spectra import WorkingSpectra, noise_and_band, slipping_springs
+from osl_analysis.inference.spectra import (
+    WorkingSpectra,
+    noise_and_band,
+    slipping_springs,
+    wound_at_turns,
+)
 from osl_analysis.inference.weighing import BlockFit, Predicted, largest_shifts, predict, weigh
 from osl_analysis.inference.whitening import Whitened
 
@@ -219,6 +224,18 @@ def test_slipping_spring_follows_prandtl_step_by_step():
         torque.append(np.clip(torque[-1] + step / 2.0, -1, 1))
 
     assert slipping_springs(angle, [2.0])[0] == pytest.approx(np.array(torque), abs=1e-12)
+
+
+def test_a_spring_that_slips_is_wound_by_each_way_up_to_its_limits():
+    """Ways of all lengths, of which those of 2 or more are computed without the one before."""
+    ways = np.random.default_rng(4).normal(scale=1.5, size=500)
+    level = 0.0
+    levels = [level]
+    for way in ways:
+        level = min(max(level + way, -1.0), 1.0)
+        levels.append(level)
+
+    assert wound_at_turns(ways) == pytest.approx(np.array(levels), abs=1e-15)
 
 
 def test_rounding_is_no_unexplained_torque_even_where_the_motion_takes_it_up():

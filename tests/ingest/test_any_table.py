@@ -270,6 +270,32 @@ def test_signs_between_thousands_are_refused_and_never_taken_for_decimals(
         )
 
 
+def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):
+    """A draft listed each of them under `missing`: half of the torque would have been left out."""
+    thousands = [f"{1e3 * x + 900:_.1f}" for x in TIME]
+    (tmp_path / "a.csv").write_text(text(t=thousands, head=["time_ms", *HEAD[1:]]))
+
+    with refused_with(r"'1_000\.0'"):
+        read_by_draft(tmp_path / "a.csv")
+
+
+def test_units_of_which_one_is_missing_are_of_no_column(tmp_path):
+    """Of two units below three names between blanks nothing tells which column has none."""
+    names = ["mSec", "TORQUE", "POSITION"]
+    path = tmp_path / "a.dat"
+    path.write_text(text("  ", names).replace("POSITION", "POSITION\nNm deg"))
+
+    assert [channel.unit for channel in inspect_file(path).channels] == ["", "", ""]
+
+
+def test_a_recorder_that_begins_anew_is_told_with_its_line(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(text() * 2)
+
+    with refused_with(rf"line {ROWS + 2}, column '.*'"):
+        read_by_draft(path)
+
+
 def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_path):
     path = tmp_path / "a.csv"
     kept = np.delete(np.arange(ROWS), [100, 101])

@@ -135,6 +135,17 @@ def test_an_encoder_and_markers_give_the_lag_to_a_sample(offset: float) -> None:
     assert fit.method == "correlation"
 
 
+def test_strides_that_differ_a_little_tell_the_lag() -> None:
+    """Each second of the angle is like the others, but for what varies."""
+    angle = np.sin(2 * np.pi * WITHIN) + 0.05 * MOVEMENT(WITHIN)
+    late = 1500
+    seen = angle[late : late + 6000] + 0.01 * white_noise(6000, 2)
+
+    fit = correlate_clocks((WITHIN, angle), (WITHIN[:6000], seen))
+
+    assert fit.offset == pytest.approx(-late / CAMERA_RATE, abs=0.1 / CAMERA_RATE)
+
+
 HARDLY = r"-?0\.\d+"
 
 

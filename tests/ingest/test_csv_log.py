@@ -2,6 +2,7 @@
 """CSV logs and units: what others' loggers write is read, repaired by a stated rule, or refused by
 its line."""
 
+import contextlib
 import json
 import math
 import re
@@ -11,8 +12,11 @@ import pint
 import pytest
 import yaml
 from conftest import ROOT, refused_with
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from recognised_files import refusal_by
 
+from osl_analysis.base.errors import InputError
 from osl_analysis.base.units import (
     EXAMPLES,
     NAME,
@@ -43,13 +47,13 @@ def ingested(folder, text, **fields):
     return trial_from_files(ROW, folder, folder)
 
 
-def test_a_fixture_is_in_the_provenance_and_the_torque_as_recorded(
-    tmp_path,
-):
+@pytest.mark.parametrize("weight", [0.5, 0.0])
+def test_a_fixture_is_in_the_provenance_and_the_torque_as_recorded(tmp_path, weight):
+    """One of 0 is a value, too: nothing turns with the joint."""
     bare = ingested(tmp_path, LOG)
-    row = ROW | {"fixture_weight": 0.5, "fixture_rest_deg": None}
+    row = ROW | {"fixture_weight": weight, "fixture_rest_deg": None}
     trial = trial_from_files(row, tmp_path, tmp_path)
-    assert trial.provenance["columns"]["torque"]["fixture"] == {"weight": 0.5}
+    assert trial.provenance["columns"]["torque"]["fixture"] == {"weight": weight}
     assert trial.samples["torque"].equals(bare.samples["torque"])
 
 
@@ -381,3 +385,10 @@ def test_the_listed_units_are_those_of_pint():
 def test_a_unit_that_cannot_be_is_refused_with_what_would_do(unit, expected, told):
     with refused_with(told):
         si_factor(unit, expected)
+
+
+@given(st.text(max_size=20))
+@settings(max_examples=25, deadline=None)
+def test_any_text_is_a_factor_or_a_sentence(text):
+    with contextlib.suppress(InputError):
+        assert 0 < si_factor(text, "N*m") < math.inf

@@ -82,6 +82,14 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(tmp_path, ol
     assert re.search(reason, refused(path))
 
 
+@pytest.mark.parametrize(
+    ("header", "reason"),
+    [({"NumFrames": 41}, "NumFrames '41'.* 40 "), ({"Units": "parsnip"}, "'parsnip'")],
+)
+def test_a_header_that_cannot_be_is_refused(tmp_path, header, reason):
+    assert re.search(reason, refused(write_trc(tmp_path / "walk.trc", **header)))
+
+
 # --- tables -------------------------------------------------------------------------------------
 
 

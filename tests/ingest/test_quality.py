@@ -458,13 +458,13 @@ STANCE = np.clip(np.minimum(TIME - 0.2, 0.8 - TIME) / 0.05, 0, 1)
 ROLL = np.interp(TIME, [0.2, 0.8], [-0.08, 0.14])  # centre of pressure along x [m]
 
 
-def force_and_moment():
-    """Force and moment (n, 6) on the plate in its axes (z down): 700 N that rolls along x, with
+def force_and_moment(roll=ROLL):
+    """Force and moment (n, 6) on the plate in its axes (z down): 700 N that rolls along x [m], with
     noise."""
     rng = np.random.default_rng(1)
     vertical = -700 * STANCE * (1 + 0.1 * np.sin(10 * TIME))
     force = np.column_stack([60 * STANCE * np.sin(10 * (TIME - 0.5)), 20 * STANCE, vertical])
-    moment = np.column_stack([0.02 * vertical, -ROLL * vertical, 0.0 * TIME])
+    moment = np.column_stack([0.02 * vertical, -roll * vertical, 0.0 * TIME])
     noise = rng.normal(0, 1.0, force.shape), rng.normal(0, 0.1, moment.shape)
     return np.hstack([force, moment]) + np.hstack(noise)
 
@@ -525,6 +525,22 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
     assert far.value > 840 / 770 - 0.3  # at the largest force
     assert far.remark == "plate1"
     assert still.value == pytest.approx(0, abs=0.005)
+
+
+def test_a_centre_of_pressure_may_lie_as_far_along_a_plate_as_it_is_not_wide(tmp_path):
+    """The plate is 0.6 m long and 0.4 m wide; the foot rolls up to 0.27 m from its centre."""
+    checks = checked(plate_trial(tmp_path, force_and_moment(ROLL + 0.13)))
+
+    assert checks["cop_outside_plate"].value == 0
+    # 5th to 95th percentile of a steady roll of 0.22 m
+    assert checks["cop_travel"].value == pytest.approx(0.9 * 0.22, rel=0.08)
+
+
+def test_3_samples_of_300_put_no_centre_of_pressure_outside(tmp_path):
+    channels = force_and_moment()
+    channels[[150, 250, 350], 4] += 3e3
+
+    assert checked(plate_trial(tmp_path, channels))["cop_outside_plate"].value == 0
 
 
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path):

@@ -38,13 +38,9 @@ from osl_analysis.commands.walking import (
     read_model,
 )
 from osl_analysis.ingest.quality import Commanded, measure_quality
-from osl_analysis.jobs.perform import (
-    perform,
-    without_excluded,
-    without_missing,
-    write_reasons,
-)
-from osl_analysis.jobs.progress import Job, LogHandler, read_log, write_log
+from osl_analysis.jobs.job import Job, TrialFiles
+from osl_analysis.jobs.perform import drop_excluded, drop_refused, perform, write_reasons
+from osl_analysis.jobs.progress import LogHandler, read_log, write_log
 from osl_analysis.judge.campaign import exclusion_report
 from osl_analysis.judge.recording_checks import QualityRules, measured_table, read_verdicts
 from osl_analysis.walking.poses import StaticCalibration
@@ -52,30 +48,33 @@ from osl_analysis.walking.poses import StaticCalibration
 LOST = NotAnalysed("b_1", "raw/b_1.mcap: no such file; copy it there")
 
 
-def job(tmp_path, command, inputs, output=None, **params):
-    output = output or {"output": str(tmp_path / "tables/belt.csv")}
-    given = {"made_by": {"data": "measured"}, **params}
-    files = [Path(file) for file in output.values()]
-    log = tmp_path / "logs/belt.log"
-    function = resolve_name(f"osl_analysis.commands.{command}")
-    return Job(function, inputs, output, given, files, log)
+NO_TRIAL = TrialFiles()
+
+
+def job(tmp_path, function, inputs=None, outputs=None, trial=NO_TRIAL, **arguments):
+    return Job(
+        resolve_name(f"osl_analysis.commands.{function}"),
+        outputs or [tmp_path / "tables/belt.csv"],
+        tmp_path / "logs/belt.log",
+        inputs or {},
+        arguments,
+        trial=trial,
+        data="measured",
+    )
 
 
 def lost(path, *causes):
     """A file of what was not analysed, as a job leaves it."""
-    write_reasons(
-        job(path.parent, "fit.fit_belt_trial", {}, {"belt": str(path)}),
-        causes,
-    )
-    return str(path)
+    write_reasons(job(path.parent, "fit.fit_belt_trial", outputs=[path]), causes)
+    return path
 
 
 def result(path):
     write_table(pl.DataFrame({"trial": [path.stem], "K_s": [685.6]}), path)
-    return str(path)
+    return path
 
 
-@pytest.mark.parametrize("name", ["x.csv", "x.parquet", "x.zip", "x.json"])
+@pytest.mark.parametrize("name", ["fits/belt/x.csv", "x.parquet", "fits/belt/x.zip", "x.json"])
 def test_why_there_is_no_result_reads_back_whatever_the_reason_holds(tmp_path, name):
     odd = NotAnalysed("b,1", "columns 'a', \"b\": 1,2; # no \u00e9")
 
@@ -104,7 +103,7 @@ READERS = [
 @pytest.mark.parametrize(("read", "suffix"), READERS)
 def test_who_reads_it_for_a_result_is_told_the_reason(tmp_path, read, suffix):
     with refused_with(r"b_1: raw/b_1\.mcap:"):
-        read(Path(lost(tmp_path / f"b_1.{suffix}", LOST)))
+        read(lost(tmp_path / f"b_1.{suffix}", LOST))
 
 
 def test_a_trial_refused_in_one_list_is_missing_from_every_list(tmp_path):
@@ -112,26 +111,26 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list(tmp_path):
     bad = [result(tmp_path / "trials/b_1.csv"), lost(tmp_path / "fits/b_1.csv", LOST)]
     inputs = {"trials": [bad[0], good[0]], "fitted": [bad[1], good[1]], "quality": [good[2]]}
     used = {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
-    assert without_missing(inputs) == (used, [LOST], [])
-    for given, kept, missing in (
-        ({"rows": bad[1:]}, {"rows": []}, [LOST]),
-        ({"rows": bad[1:], "trial": good[0]}, {"rows": []}, []),
-        ({"f": bad[1:], "trial": bad[0]}, {"f": []}, [LOST]),
-    ):
-        assert without_missing(given) == ({**given, **kept}, [LOST], missing)
-    refused = Path(lost(tmp_path / "quality/b_1.csv", LOST))
+    assert drop_refused(inputs) == (used, [LOST], [])
+    assert drop_refused({"trials": good}, also_of=bad) == ({"trials": good}, [LOST], [])
+    by_name = {"tables": {"b_1": bad[1], "b_2": good[1]}}
+    assert drop_refused(by_name) == ({"tables": {"b_2": good[1]}}, [LOST], [])
+    assert drop_refused({"rows": bad[1:]}) == ({"rows": []}, [LOST], [LOST])
+    assert drop_refused({"trial": bad[1]}) == ({"trial": bad[1]}, [LOST], [LOST])
+    assert drop_refused({"trial": good[1], "parameters": None})[1:] == ([], [])
+    refused = lost(tmp_path / "quality/b_1.csv", LOST)
     assert read_verdicts([refused], QualityRules(), {}).is_empty()  # that is no verdict
 
 
 def ended(job):
     perform(job)
-    return read_log(job.log)["outcome"], not_analysed(job.files[-1])
+    return read_log(job.log)["outcome"], not_analysed(job.outputs[-1])
 
 
 def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path):
     result(tmp_path / "tables/belt.csv")
 
-    inputs = {"rows": [str(tmp_path / "b_1.csv")]}
+    inputs = {"rows": [tmp_path / "b_1.csv"]}
     outcome, (cause,) = ended(job(tmp_path, "tables.gather", inputs, name="belt"))
 
     assert outcome == "refused"
@@ -139,12 +138,12 @@ def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path)
 
 
 def test_a_job_over_several_trials_refuses_the_one_at_fault(tmp_path):
-    def refuse(trials: list[str], output: str) -> None:
+    def refuse(trials: list[Path]) -> None:
         raise InputError("trial b_2: no motion", "record it again", trial="b_2")
 
-    of_all = job(tmp_path, "tables.gather", {"trials": ["b_1.parquet", "b_2.parquet"]})
+    of_all = job(tmp_path, "tables.gather", {"trials": [Path("b_1.parquet"), Path("b_2.parquet")]})
 
-    _, causes = ended(replace(of_all, command=refuse))
+    _, causes = ended(replace(of_all, function=refuse))
 
     assert causes == (NotAnalysed("b_2", "trial b_2: no motion; record it again"),)
 
@@ -162,7 +161,7 @@ def test_a_refused_trial_has_a_row_with_its_reason_and_without_estimates(tmp_pat
 
 
 def test_a_fault_of_the_program_is_an_error_of_the_job_and_writes_nothing(tmp_path):
-    inputs = {"trial": str(tmp_path / "trials/b_1.parquet")}
+    inputs = {"trial": tmp_path / "trials/b_1.parquet"}
     asked = job(tmp_path, "walking.analyse", inputs, settings={}, mistyped={})
 
     with pytest.raises(RuntimeError, match="unexpected"):
@@ -172,12 +171,10 @@ def test_a_fault_of_the_program_is_an_error_of_the_job_and_writes_nothing(tmp_pa
     assert log["outcome"] == "failed"
     assert "logs/belt.log" in log["remedy"]
     assert "Traceback" in log["traceback"]
-    assert not any(file.exists() for file in asked.files)
+    assert not any(file.exists() for file in asked.outputs)
 
 
 def test_a_job_that_lacks_an_input_passes_the_reasons_on(tmp_path):
-    reads_crossing = job(tmp_path, "walking.fit_perturbation", {"crossing": "w_1.parquet"})
-    assert reads_crossing.trial == "w_1"
     other = NotAnalysed("b_2", "no belt")
     inputs = {"table": lost(tmp_path / "belt.csv", LOST, other)}
     assert ended(job(tmp_path, "fit.derive", inputs)) == (
@@ -204,27 +201,30 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
     settings = {
         "row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"},
         "needed_columns": [],
-        "raw_folder": "raw",
-        "sources_folder": ".",
-        "commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1},
+        "raw_folder": Path("raw"),
+        "sources_folder": Path(),
+        "commanded": Commanded(),
+        "quality": quality,
     }
-    outputs = {"trial": str(trial), "quality": str(quality)}
-    outcome, causes = ended(job(tmp_path, "trials.ingest_and_check", {}, outputs, **settings))
+    asked = job(tmp_path, "trials.ingest_and_check", outputs=[trial, quality], **settings)
+    of_trial = TrialFiles("b_1", [Path("raw/b_1.mcap")])
+    arguments = {**settings, "trial": trial}
+    outcome, causes = ended(replace(asked, trial=of_trial, arguments=arguments))
     assert outcome == "refused"
     assert not_analysed(trial) == causes == (("b_1", "raw/b_1.mcap: too short; record it again"),)
-    assert limited == [["raw/b_1.mcap"]], "where memory is short, the recording is named"
+    assert limited == [[Path("raw/b_1.mcap")]], "where memory is short, the recording is named"
 
 
 WORKERS = """
 import os, signal
 from pathlib import Path
-from osl_analysis.base.files import default_config
+from osl_analysis.base.errors import show_advice_alone
 from osl_analysis.jobs import workers
-from osl_analysis.jobs.progress import Job
+from osl_analysis.jobs.job import Job
 
 os.environ["OMP_NUM_THREADS"] = "64"
 def do(worker, log):
-    worker.connection.send(Job(default_config, {}, {}, {}, [], Path(log)))
+    worker.connection.send(Job(show_advice_alone, [], Path(log)))
     worker.connection.recv()
 
 first, second = workers.Worker(), workers.Worker()
@@ -316,13 +316,14 @@ def test_what_the_machine_lacks_is_an_error_of_the_run_and_no_refusal(tmp_path, 
         advise("late\x1b")
         raise error
 
-    monkeypatch.setattr("osl_analysis.jobs.perform.call", lacking)
-    asked = job(tmp_path, "tables.gather", {"trial": "raw_data/b_1.mcap"})
+    monkeypatch.setattr("osl_analysis.jobs.perform.run", lacking)
+    recorded = TrialFiles("b_1", [Path("raw_data/b_1.mcap")])
+    asked = job(tmp_path, "tables.gather", trial=recorded)
     with pytest.raises(RuntimeError, match=r"No space left|not enough memory|Input/output|denied"):
         perform(asked)
     log = read_log(asked.log)
     assert (log["outcome"], log["warnings"]) == ("failed", [r"late\x1b"])
-    assert not any(file.exists() for file in asked.files)
+    assert not any(file.exists() for file in asked.outputs)
 
 
 RULES = CONFIG.quality
@@ -378,11 +379,12 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
 
 
 @pytest.mark.parametrize(
-    "inputs", [{"rows": ["fits/plate_2.csv"]}, {"trial": "trials/plate_2.parquet"}]
+    "inputs",
+    [{"rows": [Path("fits/plate_2.csv")]}, {"trial": Path("trials/plate_2.parquet")}],
 )
 def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(inputs):
     with refused_with(r"^[^\n]*plate_2; [^\n]*`exclude`[^\n]*$"):
-        without_excluded(inputs, ["plate_2"])
+        drop_excluded(inputs, ["plate_2"])
 
 
 def handler():

@@ -171,6 +171,15 @@ def test_macros_are_letters_and_lines_definitions_or_comments():
     assert r"\newcommand{\oslKPDOneKDOneZeroZeroBDZeroLow}{\ensuremath{99.0}}" in tex
 
 
+def test_names_that_differ_in_signs_alone_have_macros_of_their_own():
+    both = pl.concat(IMPEDANCE.with_columns(controller=pl.lit(name)) for name in ("PD+", "PD-"))
+
+    tex = macros_tex(ABOUT, headline_numbers({"impedance": both}), [])
+
+    macros = re.findall(r"newcommand{.([A-Za-z]+)}", tex)
+    assert len(set(macros)) == len(macros) == tex.count("newcommand")
+
+
 @pytest.mark.parametrize(
     ("value", "low", "high", "texts"),
     [
@@ -232,6 +241,16 @@ def test_latex_has_half_of_the_interval_and_escapes_what_users_write():
     assert r"PD\_1 a (1 to 2) & $-$2.0 $\pm$ 1.0 \\" in paper_tables.tex_for_paper(
         rows, "simulated"
     )
+
+
+def test_units_stand_below_the_heads_of_columns_and_beside_those_of_rows():
+    """Beside a head they would make its column too wide for the page."""
+    tex = paper_tables.tex_for_paper([["K [N*m/rad]", "all"], ["K [N*m/rad]", "1"]], "simulated")
+
+    head, body = tex.split(r"\midrule")
+    assert head.count(r"\begin{tabular}[t]") == 1
+    assert r"$K$ (\unit{" in body
+    assert "tabular}[t]" not in body
 
 
 def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():

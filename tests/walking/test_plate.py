@@ -27,11 +27,8 @@ from walking_synthetic import (
 
 from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.base.trial import Trial, plate_columns
-from osl_analysis.walking.crossing import (
-    Ankle,
-    analyse_crossing,
-    load_on_foot,
-)
+from osl_analysis.walking.crossing import analyse_crossing
+from osl_analysis.walking.geometry import Ankle, load_on_foot
 from osl_analysis.walking.plate import (
     Stance,
     check_plate,

@@ -20,10 +20,11 @@ from walking_synthetic import (
 
 from osl_analysis.signals.filters import LowPass
 from osl_analysis.walking.crossing import analyse_crossing
+from osl_analysis.walking.plate import check_place
 from osl_analysis.walking.plate_inertia import NO_CORRECTION, TurnLag, identify_plate_model
 from osl_analysis.walking.plate_lag import plate_timing, timing_of
 from osl_analysis.walking.poses import static_calibration
-from osl_analysis.walking.set_up import check_place, marker_noise_ratio
+from osl_analysis.walking.set_up import marker_noise_ratio
 
 CALIBRATION = static_calibration(static_trial(), settings())
 NOISE_S = {"plate": 0.2e-3, "walk": 0.6e-3}  # of a lag

@@ -22,7 +22,7 @@ from walking_synthetic import (
 )
 
 from osl_analysis.base.trial import Array, Trial
-from osl_analysis.walking.crossing import ankle_angle, moment_of_foot
+from osl_analysis.walking.geometry import ankle_angle, moment_of_foot
 from osl_analysis.walking.poses import (
     body_motion,
     bridge_gaps,

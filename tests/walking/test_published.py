@@ -7,7 +7,7 @@ import pytest
 
 from osl_analysis.base.trial import read_trial, write_trial
 from osl_analysis.commands.trials import checked_trial
-from osl_analysis.walking.crossing import ankle_torque
+from osl_analysis.walking.geometry import ankle_torque
 from osl_analysis.walking.plate import (
     find_stances,
     recorded_corners,

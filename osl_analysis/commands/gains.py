@@ -2,7 +2,7 @@
 """Gain selection for one pair, a grid or a trajectory of desired impedances, and the behaviour that
 theory predicts."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +24,38 @@ PRINTED = (  # columns of the text
     "phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "delay_margin",
     "passive_delay",
 )  # fmt: skip
-WARNINGS = {  # by a condition on a row of the table
-    "at_lower_bound": "the joint alone damps more than desired; B_1 is the smallest stable gain",
-    "unbounded": "no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz",
-    "ABS(K_predicted / K_d - 1) > 0.25": "the predicted K is far from K_d, which is rendered at"
-    " rest; ask for more damping, or lower --weight-hz",
-}
+# share of K_d by which the K that linear theory predicts may be off before the table warns; a choice
+FAR_FROM_K_D = 0.25
+
+
+def is_at_lower_bound(table: pl.DataFrame) -> pl.Series:
+    return table["at_lower_bound"]
+
+
+def is_unbounded(table: pl.DataFrame) -> pl.Series:
+    return table["unbounded"]
+
+
+def is_far_from_K_d(table: pl.DataFrame) -> pl.Series:
+    return (table["K_predicted"] / table["K_d"] - 1).abs() > FAR_FROM_K_D
+
+
+WARNINGS: Sequence[tuple[Callable[[pl.DataFrame], pl.Series], str]] = (
+    (
+        is_at_lower_bound,
+        "the joint alone damps more than desired; B_1 is the smallest stable gain",
+    ),
+    (
+        is_unbounded,
+        "no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz",
+    ),
+    (
+        is_far_from_K_d,
+        "the predicted K is far from K_d, which is rendered at rest; ask for more damping, or lower"
+        " --weight-hz",
+    ),
+)
+"""Which rows of the table (n,) a warning is about."""
 
 
 def gain_table(
@@ -115,8 +141,8 @@ def gains_text(table: pl.DataFrame) -> str:
         units = described_tables_by_name()["gains"].columns
         rows = [[name, text, units[name].unit] for name, text in zip(*rows, strict=True)]
     text = aligned(rows)
-    for condition, warning in WARNINGS.items():
-        number = len(table.filter(pl.sql_expr(condition)))
+    for is_warned, warning in WARNINGS:
+        number = is_warned(table).sum()
         if number:
             text += f"warning, {number} of {len(table)}: {warning}\n"
     return text

@@ -322,7 +322,7 @@ CHECKS_OF_RECORDINGS: tuple[Rule, ...] = (
         tables=(Table.CALIBRATION,),
         unless=(Source.CLOCKS_DISAGREE,),
         column="certain_lag_s",
-        limit=at_most(2e-5),
+        limit=Limit(high=2e-5),
     ),
     # of torque over angle, beyond its interval
     NumberRule(

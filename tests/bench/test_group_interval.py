@@ -17,9 +17,9 @@ from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 LINE = {"K": "theta", "offset": "one"}
 
 
-def line_sums(x, torque, groups, **columns):
-    """Of a torque over a column, and further ones, all of n rows."""
-    record = Record(
+def line_record(x, torque, groups):
+    """A record of n rows whose angle and its derivatives are all one column."""
+    return Record(
         "made",
         np.arange(len(x)) / 100,
         x,
@@ -31,6 +31,11 @@ def line_sums(x, torque, groups, **columns):
         groups,
         100.0,
     )
+
+
+def line_sums(x, torque, groups, **columns):
+    """Of a torque over a column, and further ones, all of n rows."""
+    record = line_record(x, torque, groups)
     return gram_sums(record, {"theta": x, "one": np.ones(len(x)), **columns})
 
 
@@ -41,6 +46,16 @@ def made_sums(rng, groups, lack_of_fit_g):
     slope = np.repeat(3 + lack_of_fit_g, rows // len(groups.first))
     torque = 20 + slope * x + rng.standard_normal(rows)
     return x, torque, line_sums(x, torque, groups)
+
+
+def test_rows_near_those_that_are_fitted_are_those_of_their_edges():
+    x = np.arange(30.0)
+    groups = unlike_groups(np.array([2.0, 15.0]), np.array([6.0, 20.0]))
+    record = line_record(x, x, groups)
+
+    near = np.flatnonzero(record.is_fitted(edge=3))
+
+    assert near.tolist() == [*range(9), *range(12, 23)]
 
 
 def test_what_does_not_repeat_itself_is_left_out_one_at_a_time():

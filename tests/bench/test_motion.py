@@ -102,6 +102,16 @@ def test_windows_are_fitted_and_nothing_else():
     assert whole["fitted_s"] == pytest.approx(40, abs=0.8)
 
 
+def test_windows_of_the_trial_replace_those_of_the_settings():
+    settings = SETTINGS.model_copy(update={"excitation": "any", "windows": "25.5-40"})
+
+    record = record_of_trial(disturbed_trial(), settings, "2-14.5")
+
+    fitted = record.time[record.is_fitted()] - record.time[0]
+    assert 2.0 < fitted.min() < 2.3
+    assert 14.2 < fitted.max() < 14.5
+
+
 def test_a_window_beyond_the_end_is_refused():
     with refused_with("'1-90' reach beyond"):
         disturbed_trial().cut_to("1-90")

@@ -97,11 +97,26 @@ STIFFENING = 3000.0
 END = np.deg2rad(12)
 
 
-def test_a_cubic_spring_has_its_curve_and_its_slope_at_every_angle():
-    """It is turned without corners, which the filter would round."""
+def cubic_spring():
+    """A fit to a spring that stiffens, turned without corners, which the filter would round."""
     turns = 1 - np.cos(W * clock(2 * PERIOD))
     theta = np.deg2rad(6) * np.concatenate([turns, np.zeros(250)])
-    curve = fitted(theta, K * theta + STIFFENING * theta**3 + 3.0).curves
+    return fitted(theta, K * theta + STIFFENING * theta**3 + 3.0)
+
+
+def test_a_cubic_spring_has_the_energy_and_the_slope_of_its_curve_and_no_loss():
+    row = cubic_spring().table.row(0, named=True)
+
+    assert (row["cycles"], row["loading"]) == (2, "rising")
+    assert row["torque_zero"] == pytest.approx(3, abs=1e-6)
+    assert row["energy_lost"] == pytest.approx(0, abs=1e-3)
+    # a line over angle, whatever the speed
+    assert row["K"] == pytest.approx(K + 0.9 * STIFFENING * END**2, rel=1e-3)
+    assert row["energy_stored"] == pytest.approx(K * END**2 / 2 + STIFFENING * END**4 / 4, rel=1e-3)
+
+
+def test_a_cubic_spring_has_its_curve_and_its_slope_at_every_angle():
+    curve = cubic_spring().curves
 
     loading = curve.filter(pl.col("branch") == "loading")
     assert loading["angle_deg"].to_list()[-23:] == list(np.arange(0.5, 12, 0.5))
@@ -233,6 +248,11 @@ def test_intervals_have_what_a_drift_makes_of_slopes_and_energies():
         assert half == pytest.approx(1.96 * abs(drifting[name] - sound[name]), rel=0.1), name
 
 
+def test_a_desired_curve_that_no_setting_has_is_refused():
+    with refused_with(r"'other'.*torque_angle\.desired"):
+        fitted(FULL, K * FULL, "other")
+
+
 def test_a_desired_curve_stands_beside_the_measured_one():
     curve = {"angle_deg": [0.0, 5.0, 8.0], "torque": [0.0, 10.0, 12.0]}
     found = fitted(FULL, K * FULL, "design", desired={"design": curve})
@@ -244,6 +264,16 @@ def test_a_desired_curve_stands_beside_the_measured_one():
 def of_cycles(theta, torque, **stated):
     settings = {"zero": "none", "calibration": stated}
     return fitted(theta, torque, **settings).table.row(0, named=True)
+
+
+def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():
+    plain = of_cycles(CYCLED, OF_CYCLES)
+
+    stated = of_cycles(CYCLED, OF_CYCLES, torque_gain=0.01)
+
+    for name in ("K", "K_unloading", "energy_stored", "energy_lost"):
+        half, before = (row[f"{name}_high"] - row[name] for row in (stated, plain))
+        assert half == pytest.approx(np.hypot(before, 1.96 * 0.01 * plain[name]), rel=0.01)
 
 
 def test_an_error_of_the_frame_s_stiffness_is_one_of_its_compliance():

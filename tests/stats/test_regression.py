@@ -13,9 +13,7 @@ from osl_analysis.base.errors import IdentifiabilityError, InputError
 from osl_analysis.stats import linear_fit as regression
 from osl_analysis.stats import repeats
 from osl_analysis.stats.budget import welch_satterthwaite
-from osl_analysis.stats.linear_fit import (
-    between_cycles,
-)
+from osl_analysis.stats.linear_fit import between_cycles, products_between
 
 T = np.linspace(0, 10, 2000, endpoint=False)
 COLUMNS = {"a": np.sin(T), "b": np.cos(3 * T), "offset": np.ones_like(T)}
@@ -184,3 +182,26 @@ def test_a_condition_number_is_that_of_the_columns_not_of_what_noise_leaves():
         regression.solved(*equations, noise)
     with pytest.raises(IdentifiabilityError, match="condition number"):
         regression.solved(*equations)
+
+
+def test_cycles_of_no_whole_rows_have_the_sums_of_their_integrals():
+    turn = 2 * np.pi * np.arange(800) / (250 / 3)
+    edges = 250 / 3 * np.arange(1, 9)
+    X = np.column_stack([np.cos(turn), np.sin(turn), np.ones(800)])
+
+    products = products_between(X, X, edges[:-1], edges[1:])
+
+    of_cycle = np.diag([0.5, 0.5, 1.0]) * 250 / 3
+    assert products == pytest.approx(np.broadcast_to(of_cycle, products.shape), abs=2e-3)
+
+
+def test_a_known_error_as_large_as_that_by_chance_doubles_the_variance():
+    """It has infinite degrees of freedom: those of the sum are four times those of the scatter, by
+    Welch and Satterthwaite."""
+    x = np.arange(12.0)
+    fit = regression.linear_fit(x + np.cos(x), {"a": x})
+
+    shared = fit.with_known_error("known", np.array([fit.se("a")]))
+
+    assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
+    assert shared.budget("a").spread()[1] == pytest.approx(4 * fit.budget("a").spread()[1])

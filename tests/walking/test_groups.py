@@ -25,7 +25,13 @@ from osl_analysis.commands.walking_summary import (
     commanded_value,
     with_verdicts,
 )
-from osl_analysis.walking.groups import crossing_features, places, split_keys
+from osl_analysis.walking.groups import (
+    Measure,
+    crossing_features,
+    feature_of,
+    places,
+    split_keys,
+)
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
@@ -233,10 +239,36 @@ def test_another_load_a_second_foot_and_a_foot_over_an_edge_are_named():
     assert "load until toe-off" in reasons(loaded_session(late=0.6))["w10"]
 
 
+def test_a_curve_is_too_far_from_the_median_and_never_too_near():
+    """RMS deviations of 1, 1.1 and 0.9 from the median scatter by 1.48 * 0.1: a curve on the median
+    is as sound as any, one of 10 is no crossing like the others."""
+    wave = np.sin(np.arange(100))
+    sizes = np.array([1.0, -1.1, 0.9, -1.0, 0.0, 10.0, -0.9])
+    curves = np.outer(sizes / np.sqrt(np.mean(wave**2)), wave)
+    measure = Measure("x", "m", curves, 1e-9, "")
+
+    feature = feature_of(measure, np.zeros(7, dtype=int), np.ones(7, dtype=bool))
+
+    assert feature.distance[4] < 0
+    assert feature.distance[5] > 50
+
+
 def test_four_of_twelve_do_not_hide_in_the_scatter_that_they_make():
     light = {"w0": 0.7, "w2": 0.72, "w4": 0.78, "w8": 0.6}
 
     assert set(reasons(loaded_session(light))) == set(light)
+
+
+def test_a_crossing_is_not_judged_by_its_turn():
+    """Gaits are compared until the earliest onset: later ones may have turned already."""
+    crossings = [replace(c, onset=0.5) if c.name == "w1" else c for c in session()]
+
+    turned = [
+        replace(c, theta=c.theta + 0.2 * (c.time > c.onset - 0.02)) if c.onset else c
+        for c in crossings
+    ]
+
+    assert reasons(turned) == {}
 
 
 def test_a_stance_is_compared_among_those_of_its_direction():

@@ -21,8 +21,8 @@ TIME = np.arange(3 * RATE) / RATE
 ONSETS = 1.2 + np.random.default_rng(5).uniform(-0.05, 0.05, 20)
 
 
-def angle_of(onset, size_deg=5.0):
-    return np.deg2rad(size_deg) * step(TIME, onset, 0.08)[0]
+def angle_of(onset, size_deg=5.0, rise_s=0.08):
+    return np.deg2rad(size_deg) * step(TIME, onset, rise_s)[0]
 
 
 def errors_of(angles, noise_deg):
@@ -71,6 +71,18 @@ def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are(bulge_deg):
         errors = errors_of(angles, 0.01)
 
     assert np.abs(errors[1:]).max() < 1e-3
+
+
+def test_ramps_of_another_duration_have_onsets_of_their_own():
+    """Against the mean ramp half of the difference of the durations would be a time shift."""
+    rises_s = np.tile([0.07, 0.09], 10)
+    ramps = [angle_of(onset, rise_s=rise) for onset, rise in zip(ONSETS, rises_s, strict=True)]
+
+    with pytest.warns(UserWarning, match="platform"):
+        errors = errors_of(ramps, 0.01)
+
+    assert np.median(np.abs(errors)) < 3e-4
+    assert np.abs(errors).max() < 8e-3
 
 
 def test_the_start_of_a_rise_has_the_error_of_a_step_of_any_shape():

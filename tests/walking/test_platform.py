@@ -10,11 +10,22 @@ import polars as pl
 import pytest
 import walking_synthetic as synthetic
 from conftest import refused_with
-from walking_synthetic import Ramp, Rig, changed, plate_trials, settings, static_trial, walked_over
+from scipy.spatial.transform import Rotation
+from walking_synthetic import (
+    Ramp,
+    Rig,
+    changed,
+    plate_trials,
+    pose,
+    settings,
+    static_trial,
+    walked_over,
+)
 
 from osl_analysis.base.table import write_table
 from osl_analysis.commands.walking import average_unperturbed, write_refusal
 from osl_analysis.walking.crossing import analyse_crossing
+from osl_analysis.walking.geometry import platform_turn
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import (
@@ -231,3 +242,19 @@ def test_too_few_unperturbed_crossings_say_how_many_and_a_reason(tmp_path):
         average_unperturbed(
             [tmp_path / "u0.parquet"], tmp_path / "selection.csv", 4, tmp_path / "gait.json"
         )
+
+
+@pytest.mark.parametrize(("heading", "turn"), [(0.0, 0.087), (180.0, -0.05), (57.0, 0.087)])
+def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks(heading, turn):
+    """The largest turn in the window counts, not its last one."""
+    time = np.arange(60) / 300
+    yaw = Rotation.from_euler("z", heading, degrees=True)
+    rest = Rotation.from_euler("xyz", [3, -2, 20], degrees=True)
+    axis = yaw.apply([0.0, 1.0, 0.0])
+    angles = turn * np.interp(time, [0.05, 0.12, 0.15, 0.2], [0, 1, -0.2, 3])
+    rotation = (Rotation.from_rotvec(-angles[:, None] * axis) * rest).as_matrix()
+    platform = pose(rotation, np.zeros((60, 3)))
+
+    turned = platform_turn(time, platform, np.tile(axis, (60, 1)), (0.05, 0.15))
+
+    assert turned == pytest.approx(turn)

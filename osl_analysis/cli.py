@@ -562,6 +562,23 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
 
 
 @main.command(
+    "dead-weights",
+    short_help="scale and zero of a load cell by masses at an arm",
+    epilog='Example: osl-analysis dead-weights weights.csv --arm-error "0.5 mm" --gravity 9.81',
+)
+@argument("table", type=FILE)
+@option("--arm-error", default="0 mm", help="Standard uncertainty of the arm, as `0.5 mm`.")
+@option("--mass-error", default="0 g", help="Standard uncertainty of a mass, as `1 g`.")
+@option("--gravity", type=float, help="Of the place [m/s^2]; else the standard one, to 0.15 %.")
+def dead_weights(table: Path, arm_error: str, mass_error: str, gravity: float | None) -> None:
+    """Fit scale and zero of a load cell to TABLE, whose columns are `arm [mm]`, `mass [g]` and
+    `counts`, in any unit of length and mass. Print what to state of it."""
+    from osl_analysis.commands import dead_weights as command
+
+    say(command.gain_text(command.gain_in_table(table, arm_error, mass_error, gravity)))
+
+
+@main.command(
     short_help="pack a campaign with its results into one ZIP file",
     epilog="Example: osl-analysis bundle . campaign.zip",
 )

@@ -27,6 +27,7 @@ the longest trials of the bench: no rule states resources, and profiles/slurm st
 """
 
 import gc
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 
@@ -71,11 +72,10 @@ from osl_analysis.figures.drawing import FIGURES
 from osl_analysis.jobs.job import Job, LeftOut, TrialFiles, as_paths
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.snakemake_attributes import (
-    allow_repeated_letters,
     configuration_files,
-    do_jobs_in_threads,
     has_prefix,
     parallel_jobs,
+    say_what_to_state,
     look_for_jobs_at_once,
 )
 from osl_analysis.jobs.workers import run_in_worker
@@ -85,8 +85,6 @@ from osl_analysis.base.yaml_settings import as_json
 # to look for garbage among all that is imported and planned takes a fifth of the planning
 gc.set_threshold(100_000)
 
-do_jobs_in_threads()
-allow_repeated_letters()
 if has_prefix(workflow):
     raise WorkflowError(
         "a module of this workflow takes no `prefix`: jobs find recordings and results by the"
@@ -172,6 +170,13 @@ onstart:
     look_for_jobs_at_once(workflow)
 
 
+@cache
+def look_at_options():
+    """Say once, when the first trial is planned, what makes this run slow: while this file is read,
+    Snakemake does not know its options, and of a module it calls no `onstart`."""
+    say_what_to_state(workflow)
+
+
 def of_trials(trials, files="<results>/trials/{trial}.parquet".format):
     """An input: the files of the job's trial, which is one of these trials.
 
@@ -181,6 +186,7 @@ def of_trials(trials, files="<results>/trials/{trial}.parquet".format):
     names = frozenset(trials)
 
     def files_of_trial(wildcards):
+        look_at_options()
         if wildcards.trial not in names:
             raise WorkflowError(
                 f"trial {wildcards.trial} is none of this analysis; ask for one of these:"
@@ -287,6 +293,11 @@ def judged(of_verdicts, trials):
 def excluded(trials):
     """A param: those of these trials that quality control excludes."""
     return judged(lambda verdicts: sorted({*verdicts.filter(verdict="exclude")["trial"]}), trials)
+
+
+WITHOUT_EXCLUDED = "{rule}, without what quality control excludes: {params.excluded}"
+"""The message of a rule with this param. For it Snakemake looks params up anew as the job begins:
+else, of jobs that are processes of their own, it would keep those of the plan for the next run."""
 
 
 def faults(trials):

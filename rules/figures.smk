@@ -63,6 +63,8 @@ rule fig3_numbers:
     params:
         excluded=lambda wildcards: excluded(CAMPAIGN.trials("belt")),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             fig3,
@@ -90,6 +92,8 @@ if TIME_SERIES:
             chosen=TIME_SERIES["chosen"],
             excluded=lambda wildcards: excluded([TIME_SERIES["trial"]]),
             made_by=MADE_BY,
+        message:
+            WITHOUT_EXCLUDED
         run:
             job(
                 fig4,
@@ -146,6 +150,8 @@ rule walking_page_numbers:
         settings=CONFIG.walking.part(TimingSettings),
         excluded=lambda wildcards: excluded(PERTURBED),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             plot_walking_page,

@@ -36,6 +36,8 @@ rule table:
         excluded=lambda wildcards: excluded(FILES.places_in(wildcards.table)),
         faults=lambda wildcards: faults(FILES.places_in(wildcards.table)),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             gather,
@@ -187,6 +189,8 @@ rule findings:
         places=PLACES,
         excluded=lambda wildcards: excluded(FILES.trials_for_findings),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             judge_campaign,

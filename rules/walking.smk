@@ -45,6 +45,8 @@ rule calibrate_markers:
         body_mass_kg=cell("body_mass_kg"),
         excluded=lambda wildcards: excluded([wildcards.trial]),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             calibrate,
@@ -77,6 +79,8 @@ rule identify_plate:
         settings=CONFIG.walking.part(PlateModelSettings),
         excluded=lambda wildcards: excluded(PLATE_TRIALS),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             identify_plate,
@@ -109,6 +113,8 @@ rule find_timing:
         settings=CONFIG.walking.part(CrossingSettings),
         excluded=lambda wildcards: excluded(PERTURBED),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             find_timing,
@@ -181,6 +187,8 @@ rule select_crossings:
         places=WALKED,
         excluded=lambda wildcards: excluded(WALKED),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             select_crossings,
@@ -213,6 +221,8 @@ rule average_unperturbed:
         fewest=CONFIG.walking.fewest_unperturbed,
         excluded=lambda wildcards: excluded(UNPERTURBED),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             average_unperturbed,
@@ -283,6 +293,8 @@ rule summarise_walking:
         has_drivetrain=bool(CONFIG.parameters),
         excluded=lambda wildcards: excluded(PERTURBED),
         made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
     run:
         job(
             summarise_perturbations,

@@ -18,6 +18,7 @@ from osl_analysis.base.errors import (
     naming,
     nearest,
     not_installed,
+    shortened,
 )
 from osl_analysis.base.files import CAMPAIGN, default_config, shipped, write_text
 from osl_analysis.base.yaml_settings import read_mapping
@@ -26,6 +27,7 @@ from osl_analysis.campaign.configuration import campaign_config, over_default, r
 from osl_analysis.config.sheet import RECORDINGS
 from osl_analysis.ingest.raw_files import read_source, recordings_in
 from osl_analysis.ingest.several_clocks import check_clocks
+from osl_analysis.jobs.snakemake_attributes import FEWEST_REPEATS, repeated_end
 
 CONFIGURED_BY = ("--configfile", "--configfiles")
 """Options of Snakemake that name configurations."""
@@ -194,10 +196,11 @@ def check_start(campaign: Campaign) -> None:
     Raises
     ------
     InputError
-        What `check_campaign` refuses; a folder that is missing; a source file that is wrong for
-        every trial; a simulation without its libraries.
+        What `check_campaign` and `check_names` refuse; a folder that is missing; a source file that
+        is wrong for every trial; a simulation without its libraries.
     """
     check_campaign(campaign)
+    check_names(campaign)
     config = campaign.config
     folders = {"sources": config.sources}
     if config.simulation is None:
@@ -215,6 +218,19 @@ def check_start(campaign: Campaign) -> None:
     problems = source_problems(campaign)
     if len(problems) == len(campaign.trials()):
         raise InputError(next(iter(problems.values())))
+
+
+def check_names(campaign: Campaign) -> None:
+    """Refuse a trial whose name Snakemake would stop at, with InputError."""
+    for trial in campaign.trials():
+        part = repeated_end(trial)
+        if part:
+            raise InputError(
+                f"{campaign.config.sheet}: the name of trial '{shortened(trial)}' ends in"
+                f" {FEWEST_REPEATS} times '{part}' or more, which Snakemake takes for a rule that"
+                " asks for itself",
+                "give the trial another name in the sheet",
+            )
 
 
 def check_simulator() -> None:

@@ -1,21 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the workflow uses of Snakemake that its documentation does not promise.
+"""What the workflow reads and sets of Snakemake that its documentation does not promise. No
+attribute of a class is replaced.
 
 A test compares the installed release with `TRIED`: with a newer one, try the workflow, also as a
 module and without options, and then raise the second of them.
 """
 
 import os
+import sys
 from pathlib import Path
 from typing import Any
-
-from snakemake.executors.local import Executor
-from snakemake.io import PeriodicityDetector
 
 TRIED = ("9.19", "9.27")
 """The oldest and the newest release of Snakemake with which all of this was tried."""
 USUAL_LOOKS = (100, 1)
 """Jobs that Snakemake starts at most, and in how many seconds, unless its command line says so."""
+FEWEST_REPEATS = 20
+"""Equal parts at the end of a name from which Snakemake takes it for a rule that asks for its own
+output without an end (`PeriodicityDetector`)."""
 
 
 def configuration_files(workflow: Any) -> list[Path]:
@@ -30,26 +32,37 @@ def has_prefix(workflow: Any) -> bool:
     return bool(getattr(workflow.modifier.path_modifier, "prefix", None))
 
 
-def do_jobs_in_threads() -> None:
-    """Have jobs of `run:` done in threads, as by `--force-use-threads`.
-
-    Else each starts a Snakemake of its own, 2 s, for a job that a warm worker does, and params that
-    are looked up as a job begins are not those that Snakemake compares in the next run."""
-    Executor.use_threads = property(lambda executor: True, lambda executor, stated: None)
-
-
-def allow_repeated_letters() -> None:
-    """Have names that end in twenty equal parts, as a trial `aaaa...`, be names: Snakemake takes
-    one for a rule that asks for its own output without an end, and stops. No rule here does."""
-    PeriodicityDetector.is_periodic = lambda detector, name: None
+def repeated_end(name: str) -> str:
+    """The part that Snakemake takes a name to repeat at its end; empty for none."""
+    for length in range(1, len(name) // FEWEST_REPEATS + 1):
+        part = name[-length:]
+        if name.endswith(part * FEWEST_REPEATS):
+            return part
+    return ""
 
 
 def look_for_jobs_at_once(workflow: Any) -> None:
-    """Take off the usual limit of jobs a second, by which each look for jobs asks for another one a
-    second later: N jobs make N looks a second, a tenth of all core-seconds."""
+    """Take the usual limit of jobs a second off the scheduler of this run, an instance.
+
+    With it each look for jobs asks for another one a second later, so that N jobs make N looks a
+    second. No option switches it off. 500 jobs took 3.2 core-s without it, 5.1 with
+    `--max-jobs-per-timespan 100000/1s`; a longer span delays the exit, since its timers are no
+    daemons.
+    """
     limit = workflow.scheduling_settings.max_jobs_per_timespan
     if workflow.local_exec and limit and (limit.max_jobs, limit.timespan) == USUAL_LOOKS:
         workflow.scheduler.job_rate_limiter = None
+
+
+def say_what_to_state(workflow: Any) -> None:
+    """Say what makes jobs faster, where Snakemake would start a Snakemake for each `run:` block."""
+    settings = workflow.execution_settings
+    if settings is None or workflow.use_threads or not workflow.is_main_process:
+        return
+    sys.stderr.write(
+        "slow: each job starts a Snakemake of its own; state `--force-use-threads`, or a profile of"
+        " this workflow, as docs/install.md says\n"
+    )
 
 
 def parallel_jobs(workflow: Any) -> int:

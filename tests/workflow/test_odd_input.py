@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A campaign of odd names and hostile texts, run as a module of another workflow and without an
-option that only some know."""
+"""A campaign of odd names and hostile texts, run as a module of another workflow."""
 
 import csv
 import io
@@ -15,6 +14,7 @@ from zipfile import ZipFile
 import pytest
 import yaml
 from conftest import ROOT
+from snakemake.io import PeriodicityDetector
 from snakemake_runs import run_forked
 from test_small_campaigns import SOURCE, write_campaign
 
@@ -32,8 +32,8 @@ NAMES = {
     "signs": "a b, 'c' \"d\" #%&$;é~.csv",
     "formula": "=1+2.csv",
     "long": f"{'n' * 200}.csv",
-    "a" * 40: f"{'a' * 40}.csv",
-    f"k_{'12' * 20}": "12.csv",
+    "a" * 19: f"{'a' * 40}.csv",
+    f"k_{'12' * 19}": "12.csv",
 }
 """The recordings, by trial."""
 RESULTS = "out 'é' #%&$, \"x [1]*?"
@@ -49,7 +49,8 @@ use rule * from osl as osl_*
 
 
 def asked(folder: Path, *options: str) -> CompletedProcess[str]:
-    return run_forked(["snakemake", "--snakefile", "module.smk", *options], folder)
+    command = ["snakemake", "--snakefile", "module.smk", "--force-use-threads", *options]
+    return run_forked(command, folder)
 
 
 @pytest.fixture(scope="module")
@@ -172,6 +173,19 @@ def test_files_of_a_refused_trial_have_the_columns_of_those_of_a_sound_one(odd):
         tables.append({name: archive.read(name).split(b"\n")[0] for name in archive.namelist()})
     assert tables[1].pop("not_analysed.csv")
     assert tables[1] == tables[0]
+
+
+@pytest.mark.parametrize("name", ["a" * 20, "k_" + "12" * 25, "a" * 19, "k_" + "12" * 19, "run_01"])
+def test_a_name_that_snakemake_would_stop_at_is_refused(odd, tmp_path, name):
+    folder = tmp_path / "odd"
+    shutil.copytree(odd, folder, ignore=shutil.ignore_patterns("out*"))
+    sheet = folder / "trials.csv"
+    sheet.write_text(sheet.read_text().replace("braces,", f"{name},", 1))
+
+    said = asked(folder, "-n", "osl_reproduce-all").stdout
+
+    is_refused = f"the name of trial '{name}' ends in 20 times" in said
+    assert is_refused == (PeriodicityDetector().is_periodic(name) is not None), said
 
 
 def test_what_snakemake_does_not_document_was_tried_with_this_release():

@@ -4,6 +4,7 @@ lacks what Linux has."""
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -198,3 +199,25 @@ def test_commands_and_a_campaign_run_without_what_windows_and_macos_lack(tmp_pat
     assert re.findall(r"exit code (\d)", ended.stdout) == ["0"] * 4, ended.stdout
     assert "\\u03b8" in ended.stdout
     assert_spring_is_fitted(tmp_path)
+
+
+def test_without_options_a_run_gives_the_same_and_the_next_one_has_nothing_to_do(tmp_path):
+    """Jobs are then Snakemakes of their own, and the run says what to state. As it is planned, it
+    is not known yet what the table leaves out."""
+    table = "results/tables/torque_angle.csv"
+    command = ["snakemake", "--snakefile", str(ROOT / "Snakefile"), "--configfile", "config.yaml"]
+    command += ["--cores", "2", table]
+    without = [*command, "--workflow-profile", "none"]
+    alone, usual = tmp_path / "alone", tmp_path / "usual"
+    alone.mkdir()
+    write_campaign(alone, {"spring": "torque_angle"})
+    shutil.copytree(alone, usual)
+
+    first = run_forked(without, alone).stdout
+    second = run_forked(without, alone).stdout
+    in_threads = run_forked(command, usual).stdout
+
+    assert first.count("state `--force-use-threads`") == 1, first
+    assert "--force-use-threads" not in in_threads
+    assert "Nothing to be done" in second, second
+    assert (alone / table).read_bytes() == (usual / table).read_bytes()

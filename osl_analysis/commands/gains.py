@@ -24,7 +24,7 @@ PRINTED = (  # columns of the text
     "phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "delay_margin",
     "passive_delay",
 )  # fmt: skip
-# share of K_d by which the K that linear theory predicts may be off before the table warns; a choice
+# share of K_d by which the predicted K may be off before the table warns; a choice
 FAR_FROM_K_D = 0.25
 
 

@@ -2,6 +2,7 @@
 """The page of a run: one HTML file with verdict, conditions, findings, figures and a view of each
 trial, whose signals are packed into it, which opens without a network."""
 
+import math
 import re
 import zlib
 from base64 import b64encode
@@ -261,7 +262,8 @@ def of_fit(series: pl.DataFrame, motion: str, what: str = OF_FITTED) -> Signals:
 
 def every_kth(samples: pl.DataFrame) -> pl.DataFrame:
     """Every k-th sample, so that they are `MOST_DRAWN` or fewer."""
-    return samples.gather_every(-(-len(samples) // MOST_DRAWN) or 1)
+    k = max(1, math.ceil(len(samples) / MOST_DRAWN))
+    return samples.gather_every(k)
 
 
 def of_recording(samples: pl.DataFrame, motion: str) -> Signals:

@@ -19,11 +19,11 @@ from osl_analysis.stats.budget import IN_INTERVAL, WIDE, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 from osl_analysis.stats.rounding import (
     NOTHING,
-    WithInterval,
+    PrintedNumber,
     decimal_places,
+    printed_number,
     significant,
     to_places,
-    written,
 )
 
 CONDITION_KEYS = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
@@ -46,6 +46,9 @@ WIDTHS = (
 )
 
 
+Cells = list[str | PrintedNumber]  # a row of a table for a paper
+
+
 @dataclass(frozen=True)
 class Condition:
     """K, B and I of one condition, or of one group of crossings."""
@@ -55,7 +58,7 @@ class Condition:
     n: int  # trials or perturbations that count
     is_doubtful: bool  # the only trial, whose estimates these are, or all of several
     results: Sequence[str]  # why the device is not of second order, as friction
-    estimates: Mapping[str, str]  # with their intervals, by symbol
+    estimates: Mapping[str, PrintedNumber]  # with their intervals, by symbol
     ranges: Mapping[str, str] = field(default_factory=dict)  # over their motion, by symbol
     wide: Sequence[str] = ()  # symbols of estimates whose intervals are wider than what is needed
 
@@ -90,7 +93,7 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
             n_sound.append(len(sound))
             # of one trial, or of several that are not doubtful; of none there is nothing
             rows = fits if len(fits) == 1 else sound
-            estimates[symbol] = mean_text(summary_row(rows, symbol), symbol)
+            estimates[symbol] = mean_of_row(summary_row(rows, symbol), symbol)
             ranges[symbol] = range_text(rows, symbol)
         of_conditions.append(
             Condition(
@@ -124,11 +127,12 @@ def stated_text(cell: object) -> str:
     return NOTHING if cell in (None, "") else f"{cell:g}" if isinstance(cell, float) else str(cell)
 
 
-def mean_text(row: Mapping[str, Any], symbol: str = "") -> str:
+def mean_of_row(row: Mapping[str, Any], symbol: str = "") -> PrintedNumber:
     """A mean over trials or crossings with its 95 % interval."""
     if symbol == "VAF" and row["mean"] is not None:  # whose interval is a formality
-        return f"{min(row['mean'], LARGEST_VAF):.2f}"
-    return written(row["mean"], row["low"], row["high"])
+        text = f"{min(row['mean'], LARGEST_VAF):.2f}"
+        return PrintedNumber(text, text)
+    return printed_number(row["mean"], row["low"], row["high"])
 
 
 def groups(summary: pl.DataFrame) -> Iterator[Condition]:
@@ -140,8 +144,10 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
             rows = of_group.filter(estimator=estimator).to_dicts()
             estimates = {}
             for row in rows:
-                text = mean_text(row, row["quantity"])
-                estimates[row["quantity"]] = f"{text}†" if row["group_doubtful"] else text
+                number = mean_of_row(row, row["quantity"])
+                if row["group_doubtful"]:
+                    number = PrintedNumber(f"{number.text}†", f"{number.short}†")
+                estimates[row["quantity"]] = number
             wide = [row["quantity"] for row in rows if row["verdict"] == WIDE]
             if rows:
                 yield Condition(
@@ -158,22 +164,25 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
                 )
 
 
-def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
+def condition_rows(of_conditions: Sequence[Condition]) -> list[Cells]:
     """The table of conditions or of groups, with the number of trials that count. † marks a
     doubtful one; where none counts there are no numbers."""
     first = of_conditions[0]
-    rows = [[*(first.stated or ["condition"]), "n", *(HEADS[name] for name in first.estimates)]]
+    heads = [*(first.stated or ["condition"]), "n", *(HEADS[name] for name in first.estimates)]
+    rows: list[Cells] = [heads]
     for condition in of_conditions:
         *labels, last = condition.stated.values() or [NOTHING]
         marked = [*labels, f"{last}†" if condition.is_doubtful else last]
-        texts = [text if condition.n else NOTHING for text in condition.estimates.values()]
-        rows.append([*marked, str(condition.n), *texts])
+        numbers: Cells = [*condition.estimates.values()]
+        if not condition.n:
+            numbers = [NOTHING] * len(numbers)
+        rows.append([*marked, str(condition.n), *numbers])
     return rows
 
 
 def interval_rows(
     budget: pl.DataFrame, impedance: pl.DataFrame, means: Sequence[pl.DataFrame]
-) -> list[list[str]]:
+) -> list[Cells]:
     """What makes the intervals of K, B and I by controller, and of the components: half-widths of
     one trial by part and of all parts, and half of the range over its motion, each the median over
     n trials; and the half-width of the mean over trials, of components (`means`), whose trials
@@ -196,7 +205,9 @@ def interval_rows(
         widths = [*parts, found.half_width(), (ends[1] - ends[0]) / 2]
         controller = fit.get("controller") or NOTHING
         widths_of.setdefault((controller, str(name)), []).append(widths)
-    table = [["controller", "estimate", "n", *IN_INTERVAL, "all", "range", "mean of n"]]
+    table: list[Cells] = [
+        ["controller", "estimate", "n", *IN_INTERVAL, "all", "range", "mean of n"]
+    ]
     for (controller, name), of_trials in widths_of.items():
         medians = map(median, zip(*of_trials, strict=True))
         of_mean = half_of_mean.get(name, 0.0)
@@ -207,24 +218,26 @@ def interval_rows(
 
 def component_rows(
     summaries: Mapping[str, pl.DataFrame], stated: Mapping[str, float], beside_draft: bool
-) -> list[list[str]]:
+) -> list[Cells]:
     """The components of the drivetrain (Table I), as means over trials, or else as the parameter
     file states them, beside the draft's values if `beside_draft`."""
-    texts = {name: [written(value), "stated"] for name, value in stated.items()}
+    cells: dict[str, Cells] = {
+        name: [printed_number(value), "stated"] for name, value in stated.items()
+    }
     for summary in summaries.values():
         for row in summary.drop_nulls("mean").iter_rows(named=True):
-            texts[row["quantity"]] = [mean_text(row), str(row["n"])]
-    rows = [["quantity", "mean", "n", "draft"]]
+            cells[row["quantity"]] = [mean_of_row(row), str(row["n"])]
+    rows: list[Cells] = [["quantity", "mean", "n", "draft"]]
     for title, component in COMPONENTS.items():
-        if component["quantity"] in texts:
-            rows.append([title, *texts[component["quantity"]], component["draft"]])
+        if component["quantity"] in cells:
+            rows.append([title, *cells[component["quantity"]], component["draft"]])
     return rows if beside_draft else [row[:-1] for row in rows]
 
 
 UNIT_BELOW = r"\\begin{tabular}[t]{@{}l@{}}\1\\\\(\2\\end{tabular}"
 
 
-def tex_for_paper(rows: list[list[str]], origin: str) -> str:
+def tex_for_paper(rows: Sequence[Cells], origin: str) -> str:
     r"""A `tabular` with rules of booktabs and units of siunitx, to be `\input`."""
     filters = {
         "cell": latex_cell,
@@ -235,13 +248,14 @@ def tex_for_paper(rows: list[list[str]], origin: str) -> str:
     return table.render(rows=rows, origin=origin)
 
 
-def latex_cell(text: str) -> str:
+def latex_cell(cell: str | PrintedNumber) -> str:
     """A cell as LaTeX: a number with half of its interval, a head in its symbols."""
-    if isinstance(text, WithInterval):
-        return text.plus_minus.replace("±", r"$\pm$")
-    return LATEX.get(text) or in_latex(text)
+    if isinstance(cell, PrintedNumber):
+        return in_latex(cell.short).replace("±", r"$\pm$")
+    return LATEX.get(cell) or in_latex(cell)
 
 
-def markdown_for_paper(rows: list[list[str]], origin: str) -> str:
+def markdown_for_paper(rows: Sequence[Cells], origin: str) -> str:
     """The table in Markdown, and what it is made of."""
-    return f"{markdown_table(rows)}\n{in_markdown(origin)}.\n"
+    texts = [[str(cell) for cell in row] for row in rows]
+    return f"{markdown_table(texts)}\n{in_markdown(origin)}.\n"

@@ -3,6 +3,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from decimal import ROUND_CEILING, Context
 from typing import Any
 
@@ -62,25 +63,35 @@ def plus_minus(places: int, value: float, low: float | None, high: float | None)
     return f"{value:z.{places}f} ± {half:.{places}f}"
 
 
-class WithInterval(str):
-    """A number and the ends of its interval in brackets; where there is less room, `plus_minus`."""
+@dataclass(frozen=True)
+class PrintedNumber:
+    """A number with its interval as readers see it, or a dash for none."""
 
-    plus_minus: str
+    text: str  # with both ends of the interval: `300.1 (298.7 to 301.6)`
+    short: str  # where there is less room: `300.1 ± 1.4`
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def printed_number(
+    value: float | None, low: float | None = None, high: float | None = None, unit: str = ""
+) -> PrintedNumber:
+    """A number and its interval, both rounded as the interval allows."""
+    if value is None:
+        return PrintedNumber(NOTHING, NOTHING)
+    places = decimal_places(value, low, high, unit)
+    short = plus_minus(places, value, low, high)
+    if low is None or high is None:
+        return PrintedNumber(short, short)
+    return PrintedNumber("{} ({} to {})".format(*to_places(places, value, low, high)), short)
 
 
 def written(
     value: float | None, low: float | None = None, high: float | None = None, unit: str = ""
 ) -> str:
     """A number as `300.1 (298.7 to 301.6)`, or a dash for none."""
-    if value is None:
-        return NOTHING
-    places = decimal_places(value, low, high, unit)
-    parts = to_places(places, value, low, high)
-    if not all(parts):
-        return parts[0]
-    text = WithInterval("{} ({} to {})".format(*parts))
-    text.plus_minus = plus_minus(places, value, low, high)
-    return text
+    return printed_number(value, low, high, unit).text
 
 
 def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:

@@ -179,7 +179,8 @@ def plate_timing(
     middle = time.mean()
     X = np.column_stack([np.ones_like(time), is_crossing, time - middle])
     drift = certain_part(*scattered_fit(X, lag, se)[:2])[2]
-    X[:, 2] *= drift != 0
+    if drift == 0:  # no certain one
+        X[:, 2] = 0.0
     estimates, covariance, scatter = scattered_fit(X, lag, se)
     _, change, drift = certain_part(estimates, covariance)
     unexplained = lag - X @ estimates

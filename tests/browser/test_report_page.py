@@ -22,13 +22,14 @@ from osl_analysis.report.page import (
     written_page,
 )
 from osl_analysis.report.paper_tables import Condition
+from osl_analysis.stats.rounding import printed_number
 
 pytestmark = pytest.mark.browser
 DRIVER = shutil.which("chromedriver")
 ESTIMATES = {
-    "K": "101.2 (99.2 to 103.4)",
-    "B": "5.25 (5.05 to 5.45)",
-    "I": "-0.125 (-0.135 to -0.115)",
+    "K": printed_number(101.2, 99.2, 103.4),
+    "B": printed_number(5.25, 5.05, 5.45),
+    "I": printed_number(-0.125, -0.135, -0.115),
 }
 
 

@@ -19,7 +19,7 @@ from osl_analysis.commands.figure import (
     write_figure,
 )
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
-from osl_analysis.figures import style
+from osl_analysis.figures import fig4, style
 from osl_analysis.figures.drawing import (
     FIGURES,
     LINEAR_MODEL,
@@ -391,6 +391,27 @@ def test_what_was_not_fitted_is_shaded():
             (path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in ground.get_paths()
         ]
         np.testing.assert_allclose(spans, [(2, 3), (9.01, 9.99)], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("fitted_s", "shown_s"),
+    [
+        ([(3, 13), (16, 18)], (8, 18)),  # what lies between is shown, too
+        ([(3, 8)], (3, 8)),
+    ],
+)
+def test_fig4_ends_with_the_last_sample_that_is_fitted_and_begins_ten_seconds_earlier(
+    fitted_s, shown_s
+):
+    time = np.arange(0, 2000) / 100
+    is_fitted = np.any([(time >= begin) & (time <= end) for begin, end in fitted_s], axis=0)
+    torque = np.where(is_fitted, 1.0, np.nan)
+    series = pl.DataFrame({"time": time, "torque": time, "torque_model": torque})
+
+    points = fig4.points(series.fill_nan(None))
+
+    assert (points["torque"].min(), points["torque"].max()) == shown_s
+    assert points["time"].to_list() == pytest.approx(points["torque"] - shown_s[0])
 
 
 def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():

@@ -2,7 +2,6 @@
 """CSV logs and units: what others' loggers write is read, repaired by a stated rule, or refused by
 its line."""
 
-import contextlib
 import json
 import math
 import re
@@ -12,11 +11,8 @@ import pint
 import pytest
 import yaml
 from conftest import ROOT, refused_with
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from recognised_files import refusal_by
 
-from osl_analysis.base.errors import InputError
 from osl_analysis.base.units import (
     EXAMPLES,
     NAME,
@@ -385,10 +381,3 @@ def test_the_listed_units_are_those_of_pint():
 def test_a_unit_that_cannot_be_is_refused_with_what_would_do(unit, expected, told):
     with refused_with(told):
         si_factor(unit, expected)
-
-
-@given(st.text(max_size=20))
-@settings(max_examples=25, deadline=None)
-def test_any_text_is_a_factor_or_a_sentence(text):
-    with contextlib.suppress(InputError):
-        assert 0 < si_factor(text, "N*m") < math.inf

@@ -35,6 +35,7 @@ from osl_analysis.report.verdicts import (
     verdicts_sentence,
 )
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
+from osl_analysis.stats.rounding import printed_number
 
 
 @pytest.mark.parametrize(
@@ -144,7 +145,7 @@ def test_the_page_escapes_names_and_asks_for_no_other_file():
     ],
 )
 def test_the_page_has_the_offset_where_the_fit_has_it(shown, model):
-    rows = [Condition({"controller": "PD"}, ["a"], 1, False, [], {"K": "300"})]
+    rows = [Condition({"controller": "PD"}, ["a"], 1, False, [], {"K": printed_number(300.0)})]
 
     assert model in written_page(page(view(), **dict.fromkeys(shown, rows)))
 

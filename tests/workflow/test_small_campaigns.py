@@ -147,6 +147,16 @@ def test_a_run_after_a_job_was_killed_does_it(two_runs):
     assert excluded.select("trial", "check").rows() == [("sine", "refused")]
 
 
+def test_a_page_is_made_where_every_trial_of_an_experiment_is_refused(two_runs):
+    results = two_runs.folder / "results"
+
+    assert two_runs.again.returncode == 1
+    page = (results / "report.html").read_text(encoding="utf-8")
+    assert page.lstrip().startswith("<!")
+    assert re.search("sine: .*K .*I ", page)
+    assert not (results / "verdict.txt").exists()
+
+
 def test_with_retries_a_job_that_was_killed_is_done_in_the_same_run(tmp_path):
     write_campaign(tmp_path, {"spring": "torque_angle"})
     (tmp_path / "unlucky").mkdir()

@@ -89,6 +89,12 @@ def test_every_trial_is_used_and_has_its_rows(workspace):
     assert workspace.table("excluded").is_empty()
 
 
+def test_every_job_says_what_made_it(every_job):
+    for job in every_job:
+        if job["rule"] != "reproduce-all":
+            assert job["params"]["made_by"].keys() == {"version", "code", "data"}, job["rule"]
+
+
 def test_a_run_ends_with_its_headline_numbers_also_with_nothing_to_do(
     workspace,
 ):

@@ -100,11 +100,16 @@ def stated_models(record: Record) -> set[ModelName]:
 
 
 def alternatives(
-    joint: ImpedanceInference | None, stated: Collection[ModelName], k: int, value: float
+    joint: ImpedanceInference | None,
+    stated: Collection[ModelName],
+    k: int,
+    value: float,
+    without_friction: bool = False,
 ) -> list[Contribution]:
-    """What the candidate models of Eq. 15 would make of K, B or I (k = 0, 1, 2), each with its
-    probability, and what torque that none of them explains could, whose bound is a rectangular
-    distribution's half-width (JCGM 100:2008, 4.3.7). None without candidate models.
+    """What the candidate models of Eq. 15 would make of K, B or I (k = 0, 1, 2), as Eq. 15 reads it
+    or without friction, each with its probability; and what torque that none of them explains
+    could, whose bound is a rectangular distribution's half-width (JCGM 100:2008, 4.3.7). None
+    without candidate models.
 
     No change is more than the estimate itself, of this `value`: the recording does not bound it.
     A spring in series cannot be told from a joint that is series elastic, of which Eq. 15 is right,
@@ -121,7 +126,8 @@ def alternatives(
         if each.name in stated or each.probability < least:
             continue
         is_property = each.name in PROPERTIES
-        size = min(float(each.change[k]), most) / (2 if is_property else 1)  # half of a range
+        change = each.change_without_friction if without_friction else each.change
+        size = min(float(change[k]), most) / (2 if is_property else 1)  # half of a range
         rows = of_property if is_property else found
         source = ERROR_SOURCES[each.family]
         if each.name == ModelName.VISCOELASTIC_BRANCH:
@@ -163,6 +169,7 @@ class Evidence:
     friction: DryFriction
     ranges: Mapping[str, tuple[float, float]]  # of estimates over amplitudes and parts of the band
     gains_are_known: bool  # and tell a wrong gain of torque over angle
+    is_leg: bool  # whose drivetrain Eq. 15 is not of, and whose play is its own
 
 
 def over_motion(evidence: Evidence, name: str) -> list[Contribution]:
@@ -251,6 +258,8 @@ def unchecked(evidence: Evidence, name: str) -> list[Contribution]:
         rows.append(unknown(Source.FIXTURE_INERTIA, "kg*m^2", I=1.0))
     if evidence.joint is None:
         rows.append(unknown(Source.CHANGE_OVER_TIME, K=0.0))
+        if not evidence.is_leg:
+            rows.append(unknown(Source.PLAY_OR_SPEED, B=0.0, I=0.0))
     if evidence.friction.is_untold:
         rows.append(unknown(Source.FRICTION, B=0.0))
     return [of_source[name] for of_source in rows if name in of_source]
@@ -266,17 +275,19 @@ def with_other_contributions(evidence: Evidence, own: Mapping[str, Budget]) -> d
     if less and "T_C" in less.names:
         complete["f_C"] = less.budget("T_C")
     for k, name in enumerate(QUANTITIES):
-        weighed = alternatives(evidence.joint, stated, k, own[name].value)
         common = [
             *other_stamps(evidence.analysis, name),
             *certain_lag(evidence, name),
-            *weighed,
             *unchecked(evidence, name),
         ]
-        complete[name] = own[name].plus(*over_motion(evidence, name), *common)
+        weighed = alternatives(evidence.joint, stated, k, own[name].value)
+        complete[name] = own[name].plus(*over_motion(evidence, name), *weighed, *common)
         if less:
             without = WITHOUT_FRICTION[name]
-            complete[without] = less.budget(name).plus(*over_motion(evidence, without), *common)
+            weighed = alternatives(evidence.joint, stated, k, less[name], without_friction=True)
+            complete[without] = less.budget(name).plus(
+                *over_motion(evidence, without), *weighed, *common
+            )
             half = abs(own[name].value - less[name]) / 2
             complete[name] = complete[name].plus(
                 Contribution(Source.FRICTION, half, basis="measured", part="motion")

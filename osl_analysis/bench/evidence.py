@@ -231,7 +231,8 @@ def weigh_alternatives(
     record = analysis.record
     joint = None
     belt = Belt()
-    if is_leg(record, p, is_of_gains):
+    has_drivetrain = is_leg(record, p, is_of_gains)
+    if has_drivetrain:
         friction = friction_of_leg(s, analysis, actuator_of_leg(record))
         if p and "theta_m" in record.actuator:
             belt = belt_of_leg(record, p)
@@ -245,6 +246,7 @@ def weigh_alternatives(
         friction=friction,
         ranges=ranges_over_motion(analysis, friction),
         gains_are_known=gains_are_known,
+        is_leg=has_drivetrain,
     )
 
 

@@ -45,7 +45,7 @@ COMPLIANCE = (1e-5, 4e-3)
 SPRING_STEPS = 4  # of Gauss-Newton, to K, B and I behind this spring
 # Relaxation of a viscoelastic branch [s]; faster than the band it is a damper, slower a spring
 BRANCH_S = (5e-3, 0.5)
-# Backlash [rad]; 0.03 to 1.1 deg
+# Backlash [rad]; 0.03 to 1.1 deg, or more under a larger motion
 BACKLASH = (5e-4, 2e-2)
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
@@ -285,9 +285,12 @@ def turned(data: Whitened, angle: Array) -> Array:
 
 
 def gap_widths(data: Whitened) -> Array:
-    """Widths of a gap [rad], from what rounding cannot be."""
-    least = max(BACKLASH[0], FEWEST_STEPS * data.spectra.signals.encoder_step)
-    return np.geomspace(least, max(BACKLASH[1], 2 * least), GRID)
+    """Widths of a gap [rad], from what rounding cannot be to the SD of the angle: a wider gap is
+    taken up by a few motions alone."""
+    spectra = data.spectra
+    least = max(BACKLASH[0], FEWEST_STEPS * spectra.signals.encoder_step)
+    widest = max(BACKLASH[1], float(spectra.angle[spectra.inside].std()))
+    return np.geomspace(least, max(widest, 2 * least), GRID)
 
 
 def cut(search: Search, _: float) -> Terms | None:

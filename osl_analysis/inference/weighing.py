@@ -81,6 +81,8 @@ class Predicted:
         Standard errors of the first of them [SI].
     friction_torque : float
         Mean size of sliding friction [N*m]; 0 without friction.
+    friction_impedance : Array (3,)
+        What its friction adds to K, B, I of Eq. 15 without friction [SI].
     left : float
         Sum of squares that the fit to all blocks leaves.
     rounding_left : float
@@ -93,6 +95,7 @@ class Predicted:
     impedances: Array
     errors: Array
     friction_torque: float
+    friction_impedance: Array
     left: float
     rounding_left: float
 
@@ -192,6 +195,9 @@ def predict(search: Search, candidate: ModelAtValue, rounding: Array) -> Predict
 
     first = width + len(candidate.slopes)
     of_shapes = estimates[first : first + len(data.mean_friction)]  # of friction, if it has any
+    friction_impedance = np.zeros(3)
+    if search.has_friction:
+        friction_impedance = of_shapes @ data.friction_impedances
     return Predicted(
         candidate=candidate,
         has_friction=search.has_friction,
@@ -199,6 +205,7 @@ def predict(search: Search, candidate: ModelAtValue, rounding: Array) -> Predict
         impedances=estimates[:3] + np.outer(candidate.model.shares, changes),
         errors=(np.sqrt(variances) / fit.length)[:3],
         friction_torque=float(of_shapes @ data.mean_friction) if search.has_friction else 0.0,
+        friction_impedance=friction_impedance,
         left=fit.left,
         rounding_left=fit.left_of_rounding(rounding, columns),
     )
@@ -270,8 +277,16 @@ def weigh(
     temperature = 1 + max(of_rounding, 0.0) / noise + inexact
 
     log_weights = log_prior(possible) + gains / temperature[:, None]
-    weights = scipy.special.softmax(log_weights, axis=1).mean(axis=0).tolist()
-    return list(zip(possible, weights, strict=True)), possible[best_sound]
+    weights = scipy.special.softmax(log_weights, axis=1).mean(axis=0)
+
+    # the members of a family that leave noise alone are not told apart by prediction
+    of_noise = np.sqrt(freedom / 2)  # SD of the log-likelihood by noise alone
+    mean_gains = gains_of_blocks.sum(axis=1)
+    for family in {fit.model.family for fit in possible} & FAMILIES:
+        members = [number for number, fit in enumerate(possible) if fit.model.family == family]
+        within = log_prior(possible)[members] + mean_gains[members] / of_noise
+        weights[members] = weights[members].sum() * scipy.special.softmax(within)
+    return list(zip(possible, weights.tolist(), strict=True)), possible[best_sound]
 
 
 # The inference, from angle and torque of a recording to what may be wrong with it: `spectra` have
@@ -333,7 +348,9 @@ class Alternative:
     family: Family
     name: ModelName
     probability: float  # given that one of the candidate models is right
-    change: Array  # (3,) by how much K, B and I would be others at most, by it [SI]
+    # (3,) by how much K, B and I of Eq. 15 would be others at most, by it [SI]
+    change: Array
+    change_without_friction: Array  # (3,) the same of K, B and I without friction
 
 
 @dataclass(frozen=True)
@@ -389,14 +406,15 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
         for candidate in models_at_values(model, search)
     ]
     weighed, best_sound = weigh(fits, spectra.freedom)
-    # a candidate model is compared with the sound joint that has friction as it has
-    sound_with = {fit.has_friction: fit for fit in fits if fit.model is EQ_15}
+    # without what is wrong Eq. 15 alone would still have the friction in its K, B and I
+    sound_with = {fit.has_friction: fit.impedance for fit in fits if fit.model is EQ_15}
     alternatives = [
         Alternative(
             family=fit.model.family,
             name=fit.model.name,
             probability=weight,
-            change=np.abs(fit.impedances - sound_with[fit.has_friction].impedance).max(axis=0),
+            change=largest(fit.impedances + fit.friction_impedance - sound_with[False]),
+            change_without_friction=largest(fit.impedances - sound_with[True]),
         )
         for fit, weight in weighed
         if fit.model is not EQ_15
@@ -410,6 +428,11 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
             searches[best.has_friction], best, fits[0].left, best_sound.impedance, rounding
         ),
     )
+
+
+def largest(changes: Array) -> Array:
+    """The largest size (k,) of changes (r, k)."""
+    return np.abs(changes).max(axis=0)
 
 
 def is_explained_by_eq15(plain: Search) -> bool:

@@ -8,6 +8,8 @@ root, torque and columns have white noise of variance 1, whatever the noise was.
 high-pass has to be chosen.
 """
 
+from functools import cached_property
+
 import numpy as np
 import scipy
 
@@ -81,6 +83,13 @@ class Whitened:
         ends = np.cumsum([len(part) for part in parts.values()])
         self.columns = dict(zip(parts, np.split(rows, ends), strict=False))
         self.motion = self.columns["derivatives"][:3]
+
+    @cached_property
+    def friction_impedances(self) -> Array:
+        """K, B, I (k, 3) [SI] that Eq. 15 without friction reads of each shape of friction of
+        1 N*m, beside offset and drift."""
+        columns = np.concatenate([self.motion, self.shared(False)])
+        return np.array([solve_scaled(columns, shape)[:3] for shape in self.columns["friction"]])
 
     def shared(self, has_friction: bool) -> Array:
         """Columns (k, m) that all candidate models share: of friction, offset and drift."""

@@ -137,8 +137,8 @@ class Verdict:
 
     @property
     def size(self) -> float:
-        """The most probable change by the source."""
-        return self.rows[0].size if self.rows else 0.0
+        """The largest plausible change by the source."""
+        return max((row.size for row in self.rows), default=0.0)
 
 
 @dataclass(frozen=True)

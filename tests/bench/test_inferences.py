@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import made_trial, noise
+from any_motion import RATE, made_trial, noise
 from conftest import findings_on, joint_trial
 from scipy.interpolate import CubicSpline
 from shipped import CONFIG
@@ -122,3 +122,29 @@ def test_shaking_that_the_torque_does_not_follow_is_noise_of_the_encoder():
 
     # as white noise of the density of the shaking, up to half of the rate
     assert noise_power == pytest.approx(1e-6 * 250 / 60, rel=0.1)
+
+
+# ---- a family of faults that is certain
+
+
+def with_play(share, seed=5):
+    """A trial whose spring follows the angle behind a gap of a share of the angle's SD."""
+    rng = np.random.default_rng(seed)
+    time, motion = noise(rng, rms_deg=3.0, rate=RATE)
+    theta = motion[0]
+    half = share * theta.std() / 2
+    behind = [0.0]
+    for angle in theta.tolist():
+        behind.append(min(max(behind[-1], angle - half), angle + half))
+    return made_trial(rng, (time, motion), more=300 * (np.array(behind[1:]) - theta))
+
+
+@pytest.mark.parametrize("share", [0.1, 0.15, 0.25, 0.4])
+def test_backlash_is_told_at_any_size_by_what_it_takes_off_the_damping(share):
+    """Friction beside the gap fits too where it is wide: B of Eq. 15 is wrong by as much."""
+    tables = tables_of(with_play(share))
+    row = tables["impedance"].row(-1, named=True)
+
+    assert "backlash, speed or direction" in causes_of(tables)
+    sizes = tables["budget"].filter(estimate="B", source="play_or_speed", part="fault")["standard"]
+    assert sizes.max() > 0.6 * abs(row["B"] - 5)

@@ -191,10 +191,10 @@ def test_noise_before_an_encoder_leaves_of_rounding_what_averages_leave(noise_st
 
 def test_candidates_are_sought_from_the_smallest_to_the_largest_of_benches():
     """Delays to 30 frames, filters of 500 to 3 Hz, frames of 100 kN*m/rad to belts of 250 N*m/rad,
-    gaps of 0.03 to 1.1 deg."""
-    gaps = np.deg2rad([0.03, 1.1])
+    gaps of 0.03 deg to the SD of the angle."""
     filters = 1 / (2 * np.pi * np.array([500, 3]))
     data = whitened(white())
+    gaps = [np.deg2rad(0.03), data.spectra.angle[data.spectra.inside].std()]
 
     sizes = {
         model.name: np.sort(np.abs(model.grid(data)))[[0, -1]]

@@ -28,6 +28,7 @@ from osl_analysis.commands.figure import fig4
 from osl_analysis.commands.fit import fit_impedance_trial
 from osl_analysis.judge import judging
 from osl_analysis.model.compensator import PAPER_WEIGHT
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 
 LATENESS = "not checked: delay of the torque"
 
@@ -48,6 +49,39 @@ def test_the_fit_is_to_the_settled_cycles_alone():
 
     assert table["K"].to_list() == pytest.approx([200] * 3, rel=1e-3)
     assert table["B"].to_list() == pytest.approx([4] * 3, rel=1e-3)
+
+
+@least_squares_alone
+def test_the_modelled_torque_has_the_drift_where_the_fit_has_it():
+    """The amplitudes follow each other, so that their mean times differ from the recording's."""
+    few_cycles = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 5)
+    drift = 0.01  # N*m/s, which is 0.6 N*m over a minute
+
+    def torque_of(motion):
+        rendered = second_order(motion)
+        return rendered + drift * np.arange(len(rendered)) / RATE
+
+    analysis = rendered_impedance(stepped_sine(torque_of, protocol=few_cycles))
+
+    assert len(analysis.fits) == 3  # two amplitudes and all
+    for label in analysis.fits:
+        rows = analysis.record.is_fitted(label)
+        unexplained = analysis.record.filtered_torque - analysis.modelled(label)
+        np.testing.assert_allclose(unexplained[rows], 0, atol=3e-3)
+
+
+@least_squares_alone
+def test_the_range_over_all_amplitudes_holds_each_of_them():
+    """K rises with the amplitude, by 3/4 of the cubic's coefficient times its square."""
+    record = stepped_sine(lambda m: second_order(m) + 2e3 * m.theta**3)
+
+    small, large, both = bench_synthetic.table_of(record).to_dicts()
+
+    assert small["K"] + 3 < both["K"] < large["K"]
+    for name in "KB":
+        low, high = sorted((small[name], large[name]))
+        assert both[f"{name}_range_low"] <= low
+        assert both[f"{name}_range_high"] >= high
 
 
 def trial_of_steps(steps):

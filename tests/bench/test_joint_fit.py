@@ -74,6 +74,13 @@ def sound_row(joint):
     return sound_tables(joint)["impedance"].row(-1, named=True)
 
 
+def test_without_friction_b_is_the_only_damping():
+    row = sound_row("exact")
+
+    assert (row["B_viscous"], row["f_C"]) == (None, None)
+    assert row["B"] == pytest.approx(5, rel=0.01)
+
+
 @pytest.mark.parametrize("joint", SOUND)
 def test_a_sound_joint_is_not_doubted_and_its_impedance_is_held(joint):
     row = sound_row(joint)

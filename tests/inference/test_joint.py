@@ -138,6 +138,15 @@ def test_rounding_that_every_cycle_repeats_is_neither_fault_nor_friction(wave, m
     assert family_of(found) is None
 
 
+def test_a_late_torque_has_the_delay_among_its_explanations():
+    """3 rows of 2 ms: a torque that is late by T lowers B by K T, and more by other models."""
+    found = changed(partial(np.roll, shift=3))
+
+    delay = next(model for model in found.alternatives if model.name == "delay")
+    assert delay.probability > 0.01
+    assert delay.change[1] == pytest.approx(K * 3 / RATE, rel=0.1)
+
+
 def test_gap_is_left_out():
     time, torque, _ = driven()
     usable = (time < 7.0) | (time > 8.0)

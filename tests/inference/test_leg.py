@@ -14,6 +14,8 @@ import osl_analysis as osl
 from osl_analysis.bench.friction import actuator_of_leg
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.inference.actuator import deviations
+from osl_analysis.inference.spectra import BLOCKS
 from osl_analysis.model.compensator import uncompensated_gains
 from osl_analysis.model.drivetrain import dynamic_stiffness, held_actuator, linear_torque
 
@@ -62,3 +64,15 @@ def test_without_compensation_the_impedance_of_the_linear_leg_is_held(record):
     for name, column in {"K": "K_without_friction", "B": "B_viscous"}.items():
         assert row[f"{column}_low"] < true[name] < row[f"{column}_high"]
     assert half_width(row, "K_without_friction") < 0.01 * true["K"]
+
+
+def test_deviations_are_those_of_other_speeds_and_of_a_jackknife():
+    blocks = np.full(BLOCKS, 2.0)
+    blocks[-1] += 1.0
+    of_friction = np.concatenate([[1.0, 1.5, 0.5], blocks])  # of all, at other speeds, by blocks
+
+    errors = deviations(of_friction)
+
+    assert np.linalg.norm(errors[:2]) == pytest.approx(np.sqrt(0.5))
+    jackknife = (BLOCKS - 1) / BLOCKS * np.sum((blocks - blocks.mean()) ** 2)
+    assert np.sum(errors[2:] ** 2) == pytest.approx(jackknife)

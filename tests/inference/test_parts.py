@@ -16,6 +16,7 @@ from osl_analysis.inference.candidate_models import (
     ModelAtValue,
     Search,
     behind_spring,
+    late,
     low_passed,
 )
 from osl_analysis.inference.rounding_errors import repeated_share
@@ -210,6 +211,19 @@ def test_candidates_are_sought_from_the_smallest_to_the_largest_of_benches():
         "backlash": pytest.approx(gaps, rel=0.1),
         "backlash in the mount": pytest.approx(gaps, rel=0.1),
     }
+
+
+def test_a_delay_in_the_spectrum_takes_the_torque_of_a_later_time():
+    data = whitened(white(1e-3))
+    spectra = data.spectra
+
+    advanced = late(Search(data, False), 0.01)[1]
+
+    time = np.arange(spectra.working_rows) * spectra.padded_seconds / spectra.working_rows
+    torque = scipy.fft.irfft(spectra.torque, spectra.working_rows)
+    spline = scipy.interpolate.make_interp_spline(time, torque, 7)
+    by_time = data.column(scipy.fft.rfft(spline(np.clip(time + 0.01, 0, time[-1]))))
+    assert np.abs(advanced - by_time).max() < 1e-3 * np.abs(advanced).max()
 
 
 def test_a_second_of_noise_tells_its_density():

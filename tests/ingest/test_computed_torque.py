@@ -45,6 +45,23 @@ def test_a_torque_that_follows_from_angle_and_current_is_refused(torque, names):
 
 
 @pytest.mark.parametrize(
+    "friction",
+    [
+        np.tanh(OMEGA / 0.01),
+        np.tanh(OMEGA / 0.2),
+        np.sign(OMEGA + 0.1 * NOISE),  # of a noisy speed
+        (1 + 0.5 * np.exp(-((OMEGA / 0.1) ** 2))) * np.tanh(OMEGA / 0.02) + 0.2 * OMEGA,  # Stribeck
+    ],
+)
+def test_a_torque_of_a_noisy_current_less_friction_is_refused(friction):
+    current = CURRENT + 0.02 * NOISE
+    torque = current * (3 + 0.4 * ANGLE) - 0.9 * friction
+
+    with refused_with("follows.*theta and current.*computed"):
+        check_own_torque(trial_of(torque, current))
+
+
+@pytest.mark.parametrize(
     "torque",
     [
         150 * THETA + 3 * OMEGA + 0.02 * ALPHA,  # of a simulated joint

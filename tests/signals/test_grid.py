@@ -109,6 +109,15 @@ def test_jitter_is_not_believed_where_no_signal_decides():
     assert "rest" not in row["why"]  # its slope is noise
 
 
+def test_a_signal_that_stands_is_no_evidence():
+    stamps = jittered(MINUTE, 2e-4, np.random.default_rng(7))
+
+    (row,) = one_time_base([Stream("dead", stamps, {"zero": 0 * MINUTE})]).streams
+
+    assert not row["firm"]
+    assert "zero" not in row["why"]
+
+
 def test_stamps_that_wander_slowly_are_kept_where_nothing_decides():
     rest = noisy(0 * MINUTE, np.random.default_rng(7))
     wandering = MINUTE + 0.02 * np.sin(2 * np.pi * MINUTE / 30)
@@ -227,6 +236,15 @@ def test_a_value_taken_within_the_row_before_lies_where_its_doubt_says():
     with pytest.raises(AssertionError):
         assert_recovers_the_joint(grid)
     assert_recovers_the_joint(grid.other())
+
+
+def test_the_other_reading_of_a_held_channel_is_a_row_older_where_it_is_doubtful():
+    other = one_time_base([held_log(50.0)]).other()
+
+    assert other.taken[0].stream.name == "torque"
+    assert other.taken[0].delay == pytest.approx(1e-3, abs=2e-5)
+    assert other.other().taken[0].delay == pytest.approx(0, abs=2e-5)
+    assert one_time_base([held_log(333.0)]).is_decided
 
 
 def test_a_stated_delay_leaves_no_doubt_about_held_values():

@@ -217,6 +217,60 @@ def test_effects_of_the_load_cell_add_what_the_truth_says(clean):
     assert drawn["load_cell_offset"] / 0.5 != pytest.approx(drawn["load_cell_drift"] / 0.05)
 
 
+def test_effects_of_the_drivetrain_have_their_sizes():
+    sizes = {
+        "actuator_encoder": on(1e-3, "rad"),
+        "belt_hysteresis": on(2, "N*m"),
+        "control_delay": on(3, "update"),
+        "velocity_filter": on(40, "Hz"),
+        "friction": on(1.5, "1"),
+    }
+
+    effects = bench_trial.drivetrain_effects(only({"effects": sizes}))
+
+    expected = {
+        "encoder_resolution": 1e-3,
+        "hysteresis_torque": 2,
+        "control_delay": 3,
+        "velocity_cutoff_hz": 40,
+        "friction_scale": 1.5,
+    }
+    assert {name: effects[name] for name in expected} == expected
+
+
+def test_the_belt_is_loaded_by_a_stiffness_that_scatters_between_trials():
+    """By 1 %; the torque has the joint's damping, too, and the actuator is idle."""
+    stiffnesses = []
+    for trial in ("belt_01", "belt_02"):
+        chosen = only({"effects": {"belt_scatter": on(0.01, "1")}})
+        log, truth = simulate_bench_trial(
+            row_of_trial(chosen, Path("settings.yaml"), trial), chosen, P
+        )
+        omega = np.gradient(log[ANGLE], 1e-3)
+        belt_torque = -log[TORQUE] - P.B_j * omega
+        loading = slice(600, 1400)
+        stiffness = np.polyfit(log[ANGLE][loading], belt_torque[loading], 1)[0]
+        stiffnesses.append(stiffness)
+
+        assert stiffness == pytest.approx(truth["parameters"]["K_s"], rel=1e-4)
+        assert not log["actuator_angle"].any()
+    assert 1e-4 < abs(stiffnesses[0] / stiffnesses[1] - 1) < 0.06
+
+
+def test_two_nodes_sample_at_their_own_rate_and_phase(clean):
+    torque_node = {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}
+
+    log = log_of({"recorder": {"torque_node": torque_node}})
+
+    time = log["torque_time"]
+    rows = (time - time[0] > 1.0) & (time < time[-1] - 1.2)
+    expected = CubicSpline(clean["time"], clean[TORQUE])(time)
+    np.testing.assert_allclose(log["time"], clean["time"], rtol=0, atol=1e-9)
+    assert time[0] - log["time"][0] == pytest.approx(3e-4, abs=1e-9)
+    assert np.diff(time).mean() == pytest.approx(1 / 333, rel=1e-6)
+    assert log[TORQUE][rows] == pytest.approx(expected[rows], abs=1e-4)
+
+
 def test_true_jitter_leaves_each_sample_true(clean):
     log = log_of(node(jitter=on(20e-6, "s")))
 

@@ -105,6 +105,14 @@ def test_two_trials_of_one_name_are_refused(setup):
         plan_trials(with_experiments(setup, K_d=(300.0, 300.0001)).settings)
 
 
+def test_the_planned_share_of_crossings_is_perturbed(setup):
+    planned = plan_trials(with_experiments(setup, walking=100, perturbed_share=0.1).settings)
+
+    perturbed = [row["perturbed"] for row in planned.values() if row["experiment"] == "walking"]
+    assert len(perturbed) == 100
+    assert 1 < sum(perturbed) < 25
+
+
 def test_half_a_person_stands_on_the_plate_in_the_static_trial(setup, tmp_path):
     """40 kg of 80 kg above the ankle, 60 mm behind the middle of the plate."""
     setup.record(tmp_path, STATIC)
@@ -168,6 +176,39 @@ def test_the_plate_has_noise_and_offsets_of_the_set_sizes(recorded, shipped, tmp
     assert offset[3] > 100
     assert np.std(noise[:3]) == pytest.approx(0.4, rel=0.03)
     assert np.std(noise[3:]) == pytest.approx(80, rel=0.03)
+
+
+def test_a_plate_is_late_by_its_lag(shipped, tmp_path):
+    """0.5 ms: the difference over the slope of the vertical force. Unloaded it reads nothing."""
+    sensors = shipped.lacking("force_noise", "moment_noise", "force_offset", "moment_offset")
+    late = sensors.record(tmp_path, PERTURBED)["analogs"][0, :6]
+    prompt = sensors.lacking("plate_lag").record(tmp_path, PERTURBED)["analogs"][0, :6]
+
+    slope = np.gradient(prompt[2], 1 / 1500)
+    lag_s = slope @ (prompt - late)[2] / (slope @ slope)
+    assert lag_s == pytest.approx(0.5e-3, rel=0.01)
+    assert np.abs(prompt[:, :600]).max() < 1e-3
+
+
+def test_an_effect_that_is_off_leaves_the_draws_of_the_others(recorded, shipped, tmp_path):
+    without_marker_noise = shipped.lacking("marker_noise").record(tmp_path, PERTURBED)
+
+    np.testing.assert_array_equal(recorded.analogs, without_marker_noise["analogs"][0])
+
+
+@pytest.mark.parametrize("effect", ["stance_scatter", "heel_strike_scatter", "placement_forward"])
+def test_steps_scatter_by_the_sizes_that_are_set(shipped, effect):
+    """150 steps tell a standard deviation to 6 %."""
+    size = getattr(shipped.walking.effects, effect).size
+    steps = [draw_step(GaitTrial(f"walking_{k}", 1, shipped.walking)) for k in range(150)]
+
+    drawn = {
+        "stance_scatter": [100 * step.stance / 0.72 for step in steps],  # [%]
+        "heel_strike_scatter": [step.heel_strike for step in steps],  # [s]
+        "placement_forward": [1e3 * step.placement[0] for step in steps],  # [mm]
+    }
+
+    assert np.std(drawn[effect]) == pytest.approx(size, rel=0.25)
 
 
 def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):

@@ -205,3 +205,25 @@ def test_a_known_error_as_large_as_that_by_chance_doubles_the_variance():
 
     assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
     assert shared.budget("a").spread()[1] == pytest.approx(4 * fit.budget("a").spread()[1])
+
+
+def test_a_unit_changes_nothing_of_whether_columns_are_told_apart():
+    """Two columns 0.1 apart, whose condition number is 20, in units a million times as large."""
+    a, b, noise = white_noise((3, 4000), 3)
+    columns = {"a": a, "b": a + 0.1 * b}
+    scaled = {"a": 1e6 * columns["a"], "b": 1e-6 * columns["b"]}
+
+    fits = [regression.linear_fit(a + noise, each) for each in (columns, scaled)]
+
+    shares = [[fit.se(name) / fit[name] for name in "ab"] for fit in fits]
+    assert shares[1] == pytest.approx(shares[0], rel=1e-6)
+
+
+def test_a_noisy_stratum_has_its_own_freedom():
+    sums = white_noise((4000, 1), 6)
+    stratum = np.repeat(np.arange(2), 2000)
+    sums[:2000] *= 1e-6
+
+    _, freedom = between_cycles(sums, stratum)
+
+    assert freedom[0] == pytest.approx(1999, rel=0.01)

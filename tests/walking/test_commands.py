@@ -163,6 +163,16 @@ def test_the_rendered_impedance_comes_out_with_all_imperfections(real, estimator
         assert 4 < K["high"] - K["low"] < 100
 
 
+def test_the_plate_s_lag_mass_and_height_come_out(real):
+    effects = real.truth("plate_01")["gait_laboratory"]["effects"]
+
+    plate = walking.read_model(real.folder / "plate.json", PlateModel)
+
+    assert plate.lag == pytest.approx(1e-3 * effects["plate_lag"]["size"], abs=1e-4)
+    assert plate.height == pytest.approx(0, abs=1e-3)
+    assert plate.mass == pytest.approx(12.0, rel=0.02)
+
+
 def test_without_imperfections_angle_and_torque_are_the_true_ones(ideal):
     """What is left is the file's single precision, and a low-pass of products that is not the
     product of low-passes."""

@@ -27,6 +27,7 @@ from walking_synthetic import (
 
 from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.base.trial import Trial, plate_columns
+from osl_analysis.ingest.force_plates import plate_axes
 from osl_analysis.walking.crossing import analyse_crossing
 from osl_analysis.walking.geometry import Ankle, load_on_foot
 from osl_analysis.walking.plate import (
@@ -35,6 +36,7 @@ from osl_analysis.walking.plate import (
     check_vertical,
     check_weight,
     only_stance,
+    outside,
     recorded_corners,
     wrench_reader,
     zeroed_wrench,
@@ -463,6 +465,11 @@ def test_a_load_that_does_not_act_upwards_is_refused(force, along):
         check_vertical(np.outer(PHASE, force), 20.0)
 
 
+def test_a_load_that_acts_upwards_and_noise_of_an_empty_plate_are_sound():
+    check_vertical(np.outer(PHASE, [200.0, 100, 700]), 20.0)
+    check_vertical(np.outer(PHASE, [-1.0, 0.3, 0.2]), 20.0)
+
+
 def test_an_empty_plate_beside_a_loaded_one_is_refused():
     trial = standing_on(stepped(0.0))
     two = {column.replace("1", "2"): 0 * pl.col(column) for column in plate_columns(1)}
@@ -471,6 +478,23 @@ def test_an_empty_plate_beside_a_loaded_one_is_refused():
 
     with refused_with(r"plate 2 bears 0 N.*80. N.*`walking.plate: 1`"):
         zeroed_wrench(trial, TIME[::5], settings(plate=2))
+
+
+@pytest.mark.parametrize(
+    ("marker", "distance"),
+    [
+        ([1.29, 2.19, 0.1], 0.0),
+        ([1.35, 2.1, 0.3], 0.05),  # however high
+        ([0.66, 1.77, 0.1], 0.05),  # 4 cm behind one edge, 3 cm beyond the next
+    ],
+)
+def test_a_marker_beside_the_plate_is_as_far_outside(marker, distance):
+    assert outside(np.array([marker]), SURFACE) == pytest.approx([distance])
+
+
+@pytest.mark.parametrize("corners", [SURFACE, SURFACE[::-1]])
+def test_the_normal_points_up_in_either_order_of_corners(corners):
+    np.testing.assert_allclose(plate_axes(corners)[:, 2], [0, 0, 1], atol=1e-12)
 
 
 PLACED = Trial(

@@ -258,3 +258,18 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks(heading, tu
     turned = platform_turn(time, platform, np.tile(axis, (60, 1)), (0.05, 0.15))
 
     assert turned == pytest.approx(turn)
+
+
+def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session():
+    """A marker moved between two sessions: by the first static trial the second misses its
+    limit."""
+    first, second = plate_trials(Rig(marker=1e-5), Ramp(), 2)
+    later = moved(second, "PLAT1", by=0.03)
+    later_static = static_calibration(moved(static_trial(), "PLAT1", by=0.03), settings())
+
+    alike = identify_plate_model(calibrated([first, second]), settings())
+    model = identify_plate_model([(first, CALIBRATION), (later, later_static)], settings())
+
+    np.testing.assert_allclose(model.parameters, alike.parameters, atol=0.05)  # 0.01 mm of noise
+    with refused_with("column static"):
+        identify_plate_model(calibrated([later]), settings())

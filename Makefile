@@ -6,7 +6,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-ingest test-package test-slurm test-speed peers setup check docs public paper five-minutes sbom docs-numbers docs-pictures lock dist release
+.PHONY: reproduce-all test test-kernels test-browser test-ingest test-latex test-package test-slurm test-speed peers setup check docs public paper five-minutes sbom docs-numbers docs-pictures lock dist release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -24,6 +24,11 @@ test-kernel-%: $(READY)
 # The report in headless Chromium (Debian: apt-get install chromium chromium-driver).
 test-browser: $(READY)
 	$(BIN)/python -m pytest -m browser -n0 tests/browser
+
+# A manuscript of IEEEtran with all results (Debian: apt-get install texlive-publishers texlive-science). Run
+# `make reproduce-all` before it. Without TeX it says that it did not run.
+test-latex: $(READY)
+	$(BIN)/python -m pytest -m latex -n0 -rs tests/latex
 
 # The default campaign's ingested trials, bit by bit. Run `make reproduce-all` before it.
 test-ingest: $(READY)

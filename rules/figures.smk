@@ -213,7 +213,8 @@ rule captions:
         NUMBERS_OF_FIGURES.values(),
         expand("<results>/figures/{figure}.svg", figure=FILES.figure_names),
     output:
-        output="<results>/figures/captions.md",
+        markdown="<results>/figures/captions.md",
+        tex="<results>/figures/captions.tex",
     log:
         "<logs>/figures/captions.log",
     localrule: True
@@ -229,7 +230,8 @@ rule captions:
             arguments=dict(
                 tables={name: Path(file) for name, file in params.tables.items()},
                 footer=params.footer,
-                output=Path(output.output),
+                markdown=Path(output.markdown),
+                tex=Path(output.tex),
             ),
         )
 

@@ -188,7 +188,10 @@ class ResultFiles:
             for figure in self.figure_names
             for suffix in FIGURE_SUFFIXES
         ]
-        return [*files, f"{self.results}/figures/captions.md"] if files else []
+        if not files:
+            return []
+        captions = [f"{self.results}/figures/captions.{suffix}" for suffix in ("md", "tex")]
+        return [*files, *captions]
 
     @cached_property
     def published(self) -> list[str]:

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import polars as pl
 
-from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.errors import InputError, listing, on_one_line
 from osl_analysis.base.files import atomic_path, digest, write_text
 from osl_analysis.base.table import (
     NotAnalysed,
@@ -39,7 +39,8 @@ from osl_analysis.model.drivetrain import (
     joint_of,
     known_parameters,
 )
-from osl_analysis.report.typography import in_markdown
+from osl_analysis.report.numbers import macro_name
+from osl_analysis.report.typography import in_markdown, prose_in_latex
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
@@ -184,11 +185,23 @@ def read_plotted(name: str, table_csv: Path) -> pl.DataFrame:
     return read_table(table_csv, list(plotted_columns(name)))
 
 
-def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> None:
-    """Write a section per figure: its title, and its caption and width, or why it is not drawn.
-    `tables` are the plotted numbers by the name of the figure, beside which its SVG file stands."""
+def write_captions(*, tables: Mapping[str, Path], footer: str, markdown: Path, tex: Path) -> None:
+    r"""Write the captions of all figures in Markdown and as macros of LaTeX.
+
+    Parameters
+    ----------
+    tables : Mapping of str to Path
+        The plotted numbers by the name of the figure, beside which its SVG file stands.
+    footer : str
+        What the data are.
+    markdown : Path
+        Gets a section per figure: its title, and its caption and width, or why it is not drawn.
+    tex : Path
+        Gets a macro per drawn figure, as `\oslCaptionFigFive`.
+    """
     from osl_analysis.figures.style import SINGLE_COLUMN
 
+    macros = [f"% {on_one_line(footer)}. \\input this file and use the macros in \\caption."]
     sections = [
         f"# Captions\n\n{in_markdown(footer)}. Why a fit is doubtful stands in the column"
         " `doubtful` of the figure's CSV file.\n"
@@ -198,11 +211,20 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> 
         text = f"Not drawn: {reasons}."
         if not reasons:
             text = " ".join(caption_of(name, read_plotted(name, table)))
+            macro = f"oslCaption{macro_name(readable_name(name))}"
+            macros.append(rf"\newcommand{{\{macro}}}{{{prose_in_latex(text)}}}")
             width_in = drawn_width_in(table.with_suffix(".svg"))
             is_single = math.isclose(width_in, SINGLE_COLUMN, rel_tol=1e-3)
             text += f"\n\n{'One column' if is_single else 'Two columns'} wide."
         sections.append(f"## {figure_title(name)}\n\n{text}\n")
-    write_text(output, "\n".join(sections))
+    write_text(markdown, "\n".join(sections))
+    write_text(tex, "\n".join([*macros, ""]))
+
+
+def readable_name(figure: str) -> str:
+    """The name of a figure with its number apart, as `fig 5`."""
+    number = figure.removeprefix("fig")
+    return f"fig {number}" if number.isdecimal() else figure
 
 
 def drawn_width_in(drawing: Path) -> float:

@@ -176,7 +176,7 @@ def write_methods(
     marked = methods.paragraphs(facts)
     write_text(markdown, methods.to_markdown(marked))
     write_text(tex, methods.to_tex(marked))
-    write_text(bib, methods.BIBTEX)
+    write_text(bib, methods.to_bibtex())
 
 
 def rates_of(crossing: Path) -> dict[str, str]:

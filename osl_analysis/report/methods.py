@@ -12,7 +12,14 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.judge.campaign import CampaignFinding, findings_in_summary
-from osl_analysis.report.typography import in_latex, in_markdown, printed, template, value_text
+from osl_analysis.report.typography import (
+    in_ascii_latex,
+    in_markdown,
+    printed,
+    prose_in_latex,
+    template,
+    value_text,
+)
 from osl_analysis.report.verdicts import causes_not_checked
 
 BIBTEX = (
@@ -95,14 +102,9 @@ def reference(key: str) -> str:
 def to_tex(marked: Sequence[str]) -> str:
     r"""The text in LaTeX, to be `\input`."""
     begin = r"% \input this file in a section of the paper, and \bibliography its methods.bib."
-    return "\n\n".join([begin, *map(paragraph_tex, marked)]) + "\n"
+    return "\n\n".join([begin, *map(prose_in_latex, marked)]) + "\n"
 
 
-def paragraph_tex(marked: str) -> str:
-    """A paragraph in LaTeX: symbols stay, other signs are escaped."""
-    parts = re.split(r"((?<!\\)\$.+?(?<!\\)\$|\[@\w+\])", marked)
-    words = [
-        part if part.startswith(("$", "[@")) else in_latex(part.replace(r"\$", "$"))
-        for part in parts
-    ]
-    return re.sub(r" ?\[@(\w+)\]", r"~\\cite{\1}", "".join(words))
+def to_bibtex() -> str:
+    """The references for BibTeX, in ASCII."""
+    return in_ascii_latex(BIBTEX)

@@ -4,6 +4,7 @@ of texts as a table in Markdown, in LaTeX or in aligned columns, of which the fi
 the templates of longer texts."""
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -42,6 +43,70 @@ LATEX_SIGNS = str.maketrans(
 def in_latex(text: str) -> str:
     """A text with the signs escaped that LaTeX reads as commands."""
     return text.translate(LATEX_SIGNS)
+
+
+# of a combining mark of Unicode, and of letters that are no letter with a mark
+LATEX_ACCENTS = {
+    "\N{COMBINING GRAVE ACCENT}": r"\`",
+    "\N{COMBINING ACUTE ACCENT}": r"\'",
+    "\N{COMBINING CIRCUMFLEX ACCENT}": r"\^",
+    "\N{COMBINING TILDE}": r"\~",
+    "\N{COMBINING DIAERESIS}": r"\"",
+    "\N{COMBINING RING ABOVE}": r"\r ",
+    "\N{COMBINING CEDILLA}": r"\c ",
+    "\N{COMBINING CARON}": r"\v ",
+}
+LATEX_LETTERS = {
+    "Ø": r"{\O}",
+    "ø": r"{\o}",
+    "Æ": r"{\AE}",
+    "æ": r"{\ae}",
+    "ß": r"{\ss}",
+    "ł": r"{\l}",
+}
+
+
+def in_ascii_latex(text: str) -> str:
+    """A text of BibTeX with commands in place of letters beyond ASCII, which BibTeX sorts and
+    abbreviates wrongly: `Mölder` is `M{\\"o}lder`.
+
+    Raises
+    ------
+    ValueError
+        No command is known for a letter.
+    """
+    letters = [ascii_latex_letter(letter) for letter in text]
+    return "".join(letters)
+
+
+def ascii_latex_letter(letter: str) -> str:
+    if letter.isascii():
+        return letter
+    if letter in LATEX_LETTERS:
+        return LATEX_LETTERS[letter]
+    base, *marks = list(unicodedata.normalize("NFD", letter))
+    if not base.isascii() or len(marks) != 1 or marks[0] not in LATEX_ACCENTS:
+        raise ValueError(f"no command of LaTeX is known for '{letter}'")
+    return f"{{{LATEX_ACCENTS[marks[0]]}{base}}}"
+
+
+MARKED_PARTS = re.compile(r"((?<!\\)\$.+?(?<!\\)\$|`[^`]+`|\[@\w+\])")
+
+
+def prose_in_latex(marked: str) -> str:
+    """A sentence in Markdown as LaTeX: symbols between `$` stay, what stands in backticks is set as
+    code, citations such as `[@fuller1987]` are made, and other signs are escaped."""
+    words = []
+    for part in MARKED_PARTS.split(marked):
+        if part.startswith("$"):
+            words.append(part)
+        elif part.startswith("`"):
+            words.append(rf"\texttt{{{in_latex(part.strip('`'))}}}")
+        elif part.startswith("[@"):
+            words.append(rf"\cite{{{part[2:-1]}}}")
+        else:
+            words.append(in_latex(part.replace(r"\$", "$")))
+    return re.sub(r" ?\\cite", r"~\\cite", "".join(words))
 
 
 def in_markdown(text: str) -> str:

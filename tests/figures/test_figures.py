@@ -497,7 +497,12 @@ def test_each_figure_has_its_width_and_its_caption_of_what_is_drawn(tmp_path):
     write_table(plotted(name).with_columns(B_viscous=NULL), tables[name])
     draw_figure(name, tables[name], [tmp_path / f"{name}.svg"])
 
-    write_captions(tables=tables, footer="Simulated data", output=tmp_path / "c.md")
+    write_captions(
+        tables=tables,
+        footer="Simulated data",
+        markdown=tmp_path / "c.md",
+        tex=tmp_path / "c.tex",
+    )
 
     _, of_lost, of_drawn = (tmp_path / "c.md").read_text(encoding="utf-8").split("\n## ")
     assert "i_1: raw/i_1.mcap" in of_lost

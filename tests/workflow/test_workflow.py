@@ -64,7 +64,7 @@ def test_every_figure_is_there_with_its_numbers_and_caption(workspace):
     captions = (figures / "captions.md").read_text(encoding="utf-8")
 
     files = {f"{name}.{suffix}" for name in names for suffix in ("csv", "pdf", "svg", "png")}
-    assert {path.name for path in figures.iterdir()} == files | {"captions.md"}
+    assert {path.name for path in figures.iterdir()} == files | {"captions.md", "captions.tex"}
     assert captions.count("\n## ") == len(names)
 
 

@@ -36,6 +36,11 @@ LATEX_SIGNS = str.maketrans(
         "~": r"\~{}",
         "^": r"\^{}",
         "\\": r"\textbackslash{}",
+        "−": "$-$",
+        "±": r"$\pm$",
+        "×": r"$\times$",
+        "≤": r"$\leq$",
+        "≥": r"$\geq$",
     }
 )
 

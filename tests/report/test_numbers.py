@@ -24,6 +24,7 @@ from osl_analysis.report.numbers import (
 from osl_analysis.report.paper_tables import condition_rows, conditions
 from osl_analysis.report.verdicts import answer, brief_lines
 from osl_analysis.stats.rounding import printed_number, written
+from osl_analysis.stats.sources import Source
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded", "digest"), "x")
 IMPEDANCE = pl.DataFrame(
@@ -301,7 +302,7 @@ def test_a_run_ends_with_ten_lines_at_most_of_answer_and_findings():
     finding = CampaignFinding(
         verdict="doubtful",
         subject="impedance trials",
-        name="friction",
+        source=Source.FRICTION,
         cause="friction",
         says="",
         size="B 2.1. More",

@@ -297,6 +297,11 @@ def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     return list(channels[int(wanted) - 1 : int(wanted)]) if is_number else []
 
 
+def alone(path: Path) -> Sequence[Path]:
+    """The files of a recording that is one file."""
+    return [path]
+
+
 @dataclass(frozen=True)
 class Format:
     """A file format: what a module of `formats/` offers as `FORMAT`.
@@ -318,7 +323,8 @@ class Format:
     is_folder
         Whether a folder is one recording of this format.
     files_in
-        Files of such a folder that are the recording.
+        Files of such a folder that are the recording, or those that belong to a file with this
+        suffix, which comes first.
     """
 
     name: str
@@ -328,4 +334,4 @@ class Format:
     read: Callable[[Path, Any], Recording]
     is_any_text: bool = False
     is_folder: Callable[[Path], bool] = lambda path: False
-    files_in: Callable[[Path], Sequence[Path]] = lambda path: [path]
+    files_in: Callable[[Path], Sequence[Path]] = alone

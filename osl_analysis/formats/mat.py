@@ -83,17 +83,15 @@ class MatSource(TableSource):
 
 def read(path: Path, source: MatSource | None) -> Recording:
     """Read the variables of a file; with a `log_part` those in it, by their addresses there."""
-    if OF_HDF5 in beginning(path)[:HEADER_BYTES][-4:-2]:  # in either order
-        check_hdf5(path)
-    else:
-        check_unpacked(path, _stated_size(path.read_bytes()))
-    with warnings.catch_warnings(action="ignore"):  # of the library's import, and of odd objects
-        matio = optional_module("matio", "a MATLAB file", "mat-io")
-        raw = matio.load_from_mat(str(path), add_table_attrs=True, spmatrix=False)
+    # that of Qualisys has the beginning of any other, and reads it by this module
+    from osl_analysis.formats import qualisys
+
+    raw = load_variables(path)
+    if source is None and qualisys.is_export(raw):
+        return qualisys.recording_of_export(raw, None)
     variables: dict[str, Variable] = {}
     for name, value in raw.items():
-        if not name.startswith("__"):
-            variables |= {variable.address: variable for variable in _variables_in(value, "", name)}
+        variables |= {variable.address: variable for variable in _variables_in(value, "", name)}
     whole = recording_of_variables("mat", "variable", [*variables.values()], noun="sample")
     part = "" if source is None else _plain(source.log_part)
     channels = []
@@ -104,6 +102,19 @@ def read(path: Path, source: MatSource | None) -> Recording:
     return replace(
         whole, channels=channels, find_unlisted=partial(_find, variables, part, whole.channels)
     )
+
+
+def load_variables(path: Path) -> dict[str, Any]:
+    """The variables of a file as mat-io gives them. Raises InputError: it leads elsewhere, or
+    unpacks to too much."""
+    if OF_HDF5 in beginning(path)[:HEADER_BYTES][-4:-2]:  # in either order
+        check_hdf5(path)
+    else:
+        check_unpacked(path, _stated_size(path.read_bytes()))
+    with warnings.catch_warnings(action="ignore"):  # of the library's import, and of odd objects
+        matio = optional_module("matio", "a MATLAB file", "mat-io")
+        raw = matio.load_from_mat(str(path), add_table_attrs=True, spmatrix=False)
+    return {name: value for name, value in raw.items() if not name.startswith("__")}
 
 
 def _stated_size(data: bytes) -> int:

@@ -71,7 +71,8 @@ def recognise(path: Path, stated: str = "") -> Format:
             f"of no known format (it begins with {beginning(path)[:10]!r})",
             f"export it as one of {', '.join(known_formats())}, or name the recording itself",
         )
-    of_name = [one for one in formats if one.name == stated and not one.is_any_text]
+    is_any_text = formats[0].is_any_text  # what begins as a special format is no other text
+    of_name = [one for one in formats if one.name == stated and one.is_any_text <= is_any_text]
     likely = [*of_name, *formats][0]
     if stated not in ("", likely.name):
         raise InputError(

@@ -16,6 +16,7 @@ import numpy as np
 from osl_analysis import formats
 from osl_analysis.base.errors import InputError, naming, nearest, printable
 from osl_analysis.base.files import DISTRIBUTION, check_name, digest
+from osl_analysis.base.recording import alone
 from osl_analysis.base.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.base.trial import Trial
 from osl_analysis.base.yaml_settings import read_mapping, read_yaml, text_in
@@ -38,7 +39,11 @@ def suffixes() -> tuple[str, ...]:
 
 def recorded_files(path: Path) -> list[Path]:
     """The files of a recording; a folder that is none stands for itself."""
-    if path.is_dir():
+    may_have_parts = path.is_dir() or any(
+        known.files_in is not alone and path.suffix.lower() in known.suffixes
+        for known in known_formats().values()
+    )
+    if may_have_parts and path.exists():
         for one in formats.formats_of(path):
             with suppress(InputError):
                 return [*one.files_in(path)]
@@ -54,6 +59,8 @@ def recordings_in(folder: Path) -> list[Path]:
         is_part = not recordings.isdisjoint(path.parents)
         if not is_part and (is_folder or (path.is_file() and may_be_recording(path))):
             recordings.add(path)
+    for path in sorted(recordings):
+        recordings.difference_update(recorded_files(path)[1:])
     return sorted(recordings)
 
 
@@ -228,7 +235,7 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
                     f"{file}: the file changed while it was read",
                     "wait until it is recorded or copied, then run again",
                 )
-    if not path.is_dir():
+    if len(files) == 1 and not path.is_dir():
         return converted, identities[0]
     together = "".join(str(part["sha256"]) for part in identities)
     of_all = hashlib.sha256(together.encode()).hexdigest()

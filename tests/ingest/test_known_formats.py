@@ -82,7 +82,8 @@ BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
 @pytest.mark.parametrize(
     ("what", "content"),
     [
-        ("Motive", b"Format Version,1.23,Take Name,walk\n,,Marker\nFrame,Time,X\n0,0.0,1\n"),
+        ("no header", b"Format Version,1.23,Take Name,walk\n,,Marker\n0,0.0,1\n"),
+        ("markers beside it", b"NO_OF_SAMPLES\t3\nFREQUENCY\t100\n1\t0\t0.5\n"),
         ("HTML", b"<html><table><tr><td>1</td></tr></table></html>"),
         ("JSON", json.dumps([{"t": 0.0}], indent=2).encode()),
         ("ZIP", b"PK\x03\x04" + bytes(26) + b"log.csv"),

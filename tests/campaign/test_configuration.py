@@ -20,7 +20,7 @@ from pydantic import Field
 from shipped import SETTINGS as SHIPPED
 
 from osl_analysis import formats
-from osl_analysis.base.yaml_settings import Settings, read_mapping, read_yaml
+from osl_analysis.base.yaml_settings import Settings, read_mapping, read_yaml, validated
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import (
     campaign_config,
@@ -40,6 +40,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.drivetrain import read_parameters
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import plan_trials
 
@@ -272,6 +273,22 @@ def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):
     }
     own |= {"raw_data": "results_of_others"}
     started(overriding(SHIPPED, own | {"doubtful": {"belt": {"above": {"VAF": None}}}}))
+
+
+def test_a_simulated_laboratory_at_its_bounds_is_allowed(in_root, tmp_path):
+    """Its platform turns once at 0.87 of a stance, 0.72 s long, behind the heel strike."""
+    gait = read_mapping(ROOT / "config/simulation/walking.yaml")
+    ends = {"stance_phase": [0.86, 0.87], "hold_s": 10, "angle_deg": 60}
+    own = {
+        "perturbation": ends,
+        "gait": {"heel_strike_s": 0.1},
+        "plate": {"nominal_ankle_m": [0.3, -0.25]},
+        "rates": {"controller_hz": 700},
+    }
+
+    settings = validated(overriding(gait, own), WalkingSettings, tmp_path)
+
+    assert settings.rates.motion_hz == 10500
 
 
 def test_a_simulation_without_its_libraries_is_refused_before_any_job(monkeypatch, in_root):

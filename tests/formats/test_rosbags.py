@@ -4,6 +4,7 @@
 import re
 import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -233,16 +234,32 @@ def test_what_of_sqlite3_cannot_be_read_is_refused_by_name(tmp_path, change, sai
     assert re.search(said, said_in_refusal(formats.read, folder))
 
 
+def test_to_read_sqlite3_changes_no_file(tmp_path):
+    """Its recorder wrote ahead, and closed it: sqlite3 would write its index beside the file."""
+    folder = write_sqlite(tmp_path / "bag", range(400))
+    (part,) = folder.glob("*.db3")
+    with closing(sqlite3.connect(part)) as tables:
+        tables.execute("PRAGMA journal_mode = WAL")
+    part.with_name(f"{part.name}-wal").touch()
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+
+    recording = formats.read(folder)
+
+    assert recording.loss.read == 400
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
 def test_a_damaged_chunk_of_ros_1_is_lost_and_counted(tmp_path):
     path = write_bag(tmp_path / "a.bag", range(400), 1, compression=Writer.CompressionFormat.BZ2)
     data = path.read_bytes()
     second_chunk = data.index(b"op=\x05", data.index(b"op=\x05") + 1) + 60
     path.write_bytes(data[:second_chunk] + b"\xff" * 8 + data[second_chunk + 8 :])
 
-    loss = formats.read(path).loss
+    recording = formats.read(path)
 
-    assert 0 < loss.lost < 400
-    assert "is damaged" in " ".join(loss.remarks)
+    assert 0 < recording.loss.lost < 400
+    assert "is damaged" in " ".join(recording.loss.remarks)
+    assert recording.facts["chunks_lost"] == 1
 
 
 def test_a_bag_of_ros_1_that_was_not_closed_is_told_how_to_mend(tmp_path):

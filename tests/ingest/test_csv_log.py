@@ -373,6 +373,8 @@ def test_the_listed_units_are_those_of_pint():
         ("Nm", "N*m/rad", r"unit 'Nm'.*1 N\*m;.*N\*m/rad"),
         ("deg", "N", r"unit 'deg'.*0\.0174533 rad;.*N,"),
         ("Mm", "m", r"1e\+06 m;.*m"),
+        # a row of units without one; pint raises an error that is none of its own
+        ("nan", "m", "unit 'nan' is unknown"),
         # text of a file is never evaluated
         ("9**9**9**9", "m", r"'9\*\*9"),
         ("m*" * 5000, "m", r"'m\*m"),

@@ -162,6 +162,13 @@ def test_a_doubtful_trial_and_another_controller_are_in_no_pair():
     assert verdict_on(rows)["verdict"] == "not tested"
 
 
+def test_a_doubt_about_another_estimate_takes_no_pair_out():
+    rows = pairs(BETTER, BETTER)
+    rows[0]["doubtful"] = "I: torque path"
+
+    assert verdict_on(rows)["n"] == 2
+
+
 @pytest.mark.parametrize(
     ("B", "verdict"), [(5.2, "holds"), (5.9, "undecided"), (6.5, "fails"), (3.5, "fails")]
 )

@@ -202,6 +202,26 @@ def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
     ]
 
 
+def test_a_trial_that_is_used_without_its_end_is_doubtful_for_a_damaged_log():
+    verdicts = pl.DataFrame(
+        {
+            "trial": ["flagged", "sound", "left_out"],
+            "verdict": ["flag", "pass", "exclude"],
+            "check": "truncated",
+            "value": 1.0,
+            "unit": "logs",
+            "remark": "",
+        }
+    )
+
+    of_all = campaign_findings({}, verdicts, DoubtfulFits())
+    of_others = campaign_findings({}, verdicts[1:], DoubtfulFits())
+
+    doubts = [finding for finding in of_all if finding.grade is Grade.DOUBTS]
+    assert [(finding.subject, finding.cause) for finding in doubts] == [("flagged", "damaged log")]
+    assert [finding for finding in of_others if finding.grade is Grade.DOUBTS] == []
+
+
 def test_a_check_of_a_trial_is_not_hidden_by_a_doubt_at_one_amplitude():
     impedance = fits(B=[2.0, 2.0], amplitude_deg=[2.0, None], saturated_samples=[9, 9])
     verdicts = fits(check="saturation", verdict="flag", value=9.0, unit="samples", remark="")

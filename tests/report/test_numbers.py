@@ -102,6 +102,13 @@ def test_the_median_VAF_is_that_of_the_fits_that_Fig_6_draws():
     assert (number.value, number.n) == (of_figure["VAF"].median(), len(of_figure)) == (98.0, 2)
 
 
+def test_the_error_of_the_damping_is_that_of_Eq_15_and_the_viscous_one_has_its_own_number():
+    numbers = numbers_of(impedance=IMPEDANCE)
+
+    assert numbers["B_error_PD_1"].value == pytest.approx((0.2 + 0.3) / 2)
+    assert numbers["B_viscous_error_PD_1"].value == pytest.approx(0.1)
+
+
 def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
     numbers = numbers_of(impedance=SOUND)
 

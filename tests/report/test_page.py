@@ -136,6 +136,13 @@ def test_the_page_escapes_names_and_asks_for_no_other_file():
     assert re.findall(r"<(?:script|img|link)[^>]+(?:src|href)=", html) == []
 
 
+def test_a_page_without_figures_and_conditions_has_no_empty_frame():
+    html = written_page(page(view()))
+
+    assert "<figure" not in html.partition("<script")[0]
+    assert '<table class="sort conditions"' not in html
+
+
 @pytest.mark.parametrize(
     ("shown", "model"),
     [

@@ -319,6 +319,16 @@ def test_a_turn_with_occluded_markers_has_no_part_in_the_model(start, end, turns
     assert model.lag == pytest.approx(0.0014, abs=2e-4)
 
 
+def test_recordings_without_a_whole_motion_are_refused():
+    late = between(unloaded("plate_2", lag=0.0015), 2.0, 3.0)
+    slow = walked_over("plate_2", replace(RAMP, rise=1.2, returns=2.5), RIG, 7, loaded=False)
+    never_still = between(slow, 1.2, 2.0)
+
+    for cut in (late, never_still):
+        with refused_with(r"plate_2: .*0\... deg"):
+            model_of(cut)
+
+
 def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model():
     """Half a motion made the lag 0.3 to 5 ms wrong and the mass 3 kg too small, with nothing
     said."""

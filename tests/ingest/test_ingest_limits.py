@@ -8,11 +8,13 @@ parts them.
 from types import SimpleNamespace
 
 import numpy as np
+import polars as pl
 import pytest
 import scipy
-from conftest import refused_with, white_noise
+from conftest import joint_trial, refused_with, white_noise
 
 from osl_analysis.base.recording import Rows
+from osl_analysis.base.trial import Trial, plate_columns
 from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.clock import (
     Edges,
@@ -23,8 +25,19 @@ from osl_analysis.ingest.clock import (
     short_means,
 )
 from osl_analysis.ingest.conversion import fresh_rows
+from osl_analysis.ingest.guard import changes_of_angle, check_recording, check_sizes, in_other_units
 from osl_analysis.ingest.likely_clock import ticks, time_unit
 from osl_analysis.ingest.message_log import count_late
+from osl_analysis.ingest.quality import (
+    cause_of_leaps,
+    longest_gap,
+    measure_turns,
+    measure_unzeroed_plates,
+    pressed_plates,
+    remedy_of_leaps,
+    samples_at_rail,
+)
+from osl_analysis.ingest.table_log import check_clock_runs, keeps_step, on_line, with_stamps_once
 
 # Pulses that two recorders share
 
@@ -183,3 +196,211 @@ def test_twenty_steps_show_whether_a_column_rises_like_a_clock(readings, is_cloc
 @pytest.mark.parametrize(("rate_hz", "unit"), [(4000.0, "s"), (6000.0, "")])
 def test_a_clock_of_six_kilohertz_has_no_likely_unit(rate_hz, unit):
     assert time_unit(np.arange(100) / rate_hz) == unit
+
+
+# Tables of rows
+
+
+@pytest.mark.parametrize(("missing", "keeps"), [(1, True), (2, False)])
+def test_a_clock_that_lacks_two_samples_of_a_hundred_does_not_keep_step(missing, keeps):
+    steps = np.full(100, 0.01)
+    steps[10 : 10 + missing] = 0.02
+
+    assert keeps_step(np.concatenate([[0.0], np.cumsum(steps)])) == keeps
+
+
+@pytest.mark.parametrize(("off", "is_on_line"), [(0.9e-3, True), (1.5e-3, False)])
+def test_a_value_is_on_the_line_of_its_neighbours_to_a_microsecond(off, is_on_line):
+    """Beside a slope of 1000 per second, in a channel that is printed to 1e-9."""
+    time = np.arange(20) * 0.01
+    values = 1000 * time
+    values[10] += off
+    values[-1] = values[-2] + 1e-9
+
+    assert on_line(time, values)[10] == is_on_line
+
+
+TABLE_TIME = SimpleNamespace(repeated="", title="time", ADDRESS="column")
+TABLE = SimpleNamespace(time=TABLE_TIME, place=lambda name: name)
+
+
+@pytest.mark.parametrize(("copied", "is_refused"), [(9, False), (15, True)])
+def test_rows_of_which_a_tenth_repeats_the_row_before_were_read_twice(copied, is_refused):
+    rows = np.sort(np.concatenate([np.arange(100 - copied), np.arange(copied)]))
+    frame = pl.DataFrame({"time": rows * 0.01, "torque": rows * 1.0})
+
+    if is_refused:
+        with refused_with(f"{copied} of 100 rows have time and values of the row before"):
+            with_stamps_once(frame, TABLE, "row")
+    else:
+        assert len(with_stamps_once(frame, TABLE, "row")[0]) == 100 - copied
+
+
+def coarse_clock(step_s: float, rows: int) -> np.ndarray:
+    """A minute of stamps [s] that so many rows share."""
+    return np.repeat(np.arange(0, 60, step_s), rows)
+
+
+STOPPED_100_MS = np.maximum(np.arange(1000) - 110, 0) * 1e-3
+STOPPED_80_MS = np.maximum(np.arange(1000) - 80, 0) * 1e-3
+
+
+@pytest.mark.parametrize(("time", "is_refused"), [
+    (coarse_clock(0.5, 25), True), (coarse_clock(0.3, 25), False),  # tells seconds
+    (coarse_clock(0.5, 21), True), (coarse_clock(0.5, 20), False),  # rows with one stamp
+    (STOPPED_100_MS, True), (STOPPED_80_MS, False),  # share of the rows
+])  # fmt: skip
+def test_a_clock_that_tells_seconds_or_stops_is_refused(time, is_refused):
+    rows = SimpleNamespace(noun="row", place=str)
+
+    if is_refused:
+        with refused_with("time stands still"):
+            check_clock_runs(rows, TABLE, time, 0.0)
+    else:
+        check_clock_runs(rows, TABLE, time, 0.0)
+
+
+# What no recording has
+
+
+@pytest.mark.parametrize(("column", "largest"), [
+    ("theta", 1e6), ("torque", 1e7), ("current", 1e5), ("omega_m", 1e5),
+    ("marker_A_x", 1e3), ("plate1_force_z", 1e6), ("sync", 1e6),
+])  # fmt: skip
+def test_a_value_that_nothing_can_reach_is_refused(column, largest):
+    """Two percent beyond, of the whole range from the least to the largest."""
+    check_sizes(pl.DataFrame({"time": [0.0], column: [1.01 * largest]}), {column: {}})
+    with refused_with(column):
+        check_sizes(pl.DataFrame({"time": [0.0], column: [1.03 * largest]}), {column: {}})
+
+
+POSSIBLE = SimpleNamespace(largest_angle=1.2, load_cell_range=1000.0)
+
+
+def turning(time: np.ndarray, half_range: float = 0.5) -> Trial:
+    angle = half_range * np.sin(2 * np.pi * np.arange(time.size) / 50)
+    return joint_trial(time, angle, 100 * angle)
+
+
+def test_samples_ten_microseconds_apart_are_of_no_recorder():
+    check_recording(turning(np.arange(200) * 1.1e-5), POSSIBLE)
+    with refused_with("samples are 9e-06 s apart"):
+        check_recording(turning(np.arange(200) * 0.9e-5), POSSIBLE)
+
+
+@pytest.mark.parametrize(("half_range", "is_advised"), [(0.3, True), (0.2, False)])
+def test_a_unit_in_which_the_joint_turns_by_less_than_half_a_degree_is_not_advised(
+    half_range, is_advised
+):
+    changes = in_other_units(turning(np.arange(200) * 0.01, half_range), ["theta"])
+
+    assert ("deg" in " ".join(change.words for change in changes)) == is_advised
+
+
+@pytest.mark.parametrize(("share", "begins_anew"), [(0.95, True), (0.85, False)])
+def test_an_angle_that_jumps_by_nine_tenths_of_its_range_begins_anew(share, begins_anew):
+    """Another unit would not mend it."""
+    angle = np.concatenate([np.linspace(0, 100, 101), 100 * (1 - share) + np.zeros(50)])
+    trial = joint_trial(np.arange(151) * 0.01, angle, np.linspace(-90, 90, 151))
+
+    changes = changes_of_angle(trial, "torque", "theta", 1.2)
+
+    assert (len(changes) == 0) == begins_anew
+
+
+# Checks of recordings
+
+
+@pytest.mark.parametrize(("step", "gap"), [(1.4, 0.0), (1.6, 0.6)])
+def test_a_step_of_one_and_a_half_lacks_a_sample(step, gap):
+    assert longest_gap(np.array([0.0, 1.0, 1.0 + step]), 1.0) == pytest.approx(gap)
+
+
+@pytest.mark.parametrize(("level", "is_at_end"), [(9.993, True), (9.985, False)])
+def test_a_torque_within_a_thousandth_of_its_range_is_at_its_end(level, is_at_end):
+    torque = white_noise(500, 1)
+    torque[100:120] = level + 1e-3 * np.sin(np.arange(20))
+    trial = joint_trial(np.arange(500) * 0.01, np.sin(np.arange(500)), torque)
+    trial.provenance["columns"] = {"torque": {"range": (-10.0, 10.0)}}
+
+    assert (samples_at_rail(trial, "torque", "torque") == 20) == is_at_end
+
+
+TURNS = (np.arange(1000) * 0.01, np.sin(np.arange(1000) * 0.05))
+"""Times [s] and an angle [rad] from -1 to 1."""
+
+
+def times_at(angles: np.ndarray) -> np.ndarray:
+    """Times at which the angle first has each value."""
+    return np.arcsin(angles) / 5.0
+
+
+@pytest.mark.parametrize(("angles", "at_rail", "cause"), [
+    (np.array([0.5, 0.5, 0.5]), 0, "a stop"), (np.array([0.5, 0.5]), 0, "a sensor failed"),
+    (np.array([0.42, 0.5, 0.58]), 0, "a stop"), (np.array([0.3, 0.5, 0.7]), 0, "a sensor failed"),
+    (np.array([0.5]), 6, "the torque stands"), (np.array([0.5]), 5, "a sensor failed"),
+])  # fmt: skip
+def test_leaps_at_one_angle_are_a_stop_and_at_an_end_of_the_range_a_clipped_torque(
+    angles, at_rail, cause
+):
+    assert cause_of_leaps({"torque": times_at(angles)}, TURNS, at_rail).startswith(cause)
+
+
+def remedy(seconds: float, leaps: list[float], alone: int = 0) -> str:
+    examined = SimpleNamespace(
+        fitted=turning(np.arange(0, seconds, 0.01)), experiment=SimpleNamespace(place="bench")
+    )
+    return remedy_of_leaps(examined, np.array(leaps), "a sensor failed", alone)
+
+
+@pytest.mark.parametrize(("alone", "skips"), [(3, True), (2, False)])
+def test_leaps_of_which_three_of_four_are_single_values_are_left_out(alone, skips):
+    assert ("damaged: skip" in remedy(10.0, [1.0, 2.0, 3.0, 4.0], alone)) == skips
+
+
+def test_a_window_begins_a_fifth_of_a_second_beside_a_leap_and_lasts_a_second():
+    assert "`windows` 2.2-9.8" in remedy(10.0, [2.0])
+    assert "`windows` 0.3-1.4" in remedy(1.61, [0.1])
+    assert "exclude the trial" in remedy(1.41, [0.1])
+
+
+@pytest.mark.parametrize(("turns", "wraps"), [(1.08, 1), (1.15, 0)])
+def test_a_step_within_a_tenth_of_a_turn_is_one(turns, wraps):
+    angle = np.where(np.arange(100) < 50, 0.0, 2 * np.pi * turns)
+    examined = SimpleNamespace(trial=joint_trial(np.arange(100) * 0.01, angle, angle))
+
+    assert measure_turns(examined) == {"theta": wraps}
+
+
+def plate_trial(force: np.ndarray) -> SimpleNamespace:
+    """A plate of 0.4 m at 1000 Hz with a vertical force [N]."""
+    columns = dict.fromkeys(plate_columns(1), np.zeros(force.size))
+    columns["plate1_force_z"] = force
+    samples = pl.DataFrame({"time": np.arange(force.size) * 1e-3, **columns})
+    corners = [[0.4, 0.4, 0.0], [0.0, 0.4, 0.0], [0.0, 0.0, 0.0], [0.4, 0.0, 0.0]]
+    trial = Trial("plate", samples, {"plates": [{"plate": 1, "corners": corners}]})
+    return SimpleNamespace(trial=trial, experiment=SimpleNamespace(walker=True, bare_plate=False))
+
+
+@pytest.mark.parametrize(("noise", "is_at_rest"), [(18.0, True), (25.0, False)])
+def test_a_plate_whose_force_scatters_by_more_than_20_newtons_is_not_at_rest(noise, is_at_rest):
+    force = 5.0 + noise * white_noise(2000, 1)
+
+    assert bool(measure_unzeroed_plates(plate_trial(force))) == is_at_rest
+
+
+def test_a_plate_that_is_bare_for_a_fifth_of_a_second_tells_its_zero():
+    force = np.full(2000, 800.0)
+    force[400:600] = 5.0
+
+    assert measure_unzeroed_plates(plate_trial(force)) == {"plate1": 5.0}
+
+
+@pytest.mark.parametrize(("force", "samples", "is_pressed"), [
+    (150.0, 50, True), (80.0, 50, False), (800.0, 12, True), (800.0, 8, False),
+])  # fmt: skip
+def test_a_plate_is_stepped_on_from_100_newtons_in_ten_samples(force, samples, is_pressed):
+    load = np.zeros(2000)
+    load[100 : 100 + samples] = force
+
+    assert bool(list(pressed_plates(plate_trial(load)))) == is_pressed

@@ -2,6 +2,7 @@
 """Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
 from osl_analysis.commands.walking import (
+    StatedOfCrossing,
     analyse,
     average_unperturbed,
     calibrate,
@@ -10,7 +11,11 @@ from osl_analysis.commands.walking import (
     identify_plate,
     select_crossings,
 )
-from osl_analysis.commands.walking_summary import summarise_perturbations
+from osl_analysis.commands.walking_summary import (
+    SummaryFiles,
+    SummaryOutputs,
+    summarise_perturbations,
+)
 from osl_analysis.judge.limits import Limits
 from osl_analysis.walking.walking_settings import (
     CalibrationSettings,
@@ -162,9 +167,11 @@ rule analyse_crossing:
             ),
             arguments=dict(
                 settings=CrossingSettings(**params.settings),
-                perturbed=params.perturbed,
-                direction=params.direction,
-                body_mass_kg=params.body_mass_kg,
+                stated=StatedOfCrossing(
+                    perturbed=params.perturbed,
+                    direction=params.direction,
+                    body_mass_kg=params.body_mass_kg,
+                ),
                 output=Path(output.output),
             ),
             trial=TrialFiles(wildcards.trial, [Path(input.trial)]),
@@ -278,7 +285,7 @@ rule summarise_walking:
         timing="<results>/fits/timing.json",
         trajectory=TRAJECTORY,
     output:
-        output="<results>/tables/walking_summary.csv",
+        summary="<results>/tables/walking_summary.csv",
         responses="<results>/tables/walking_responses.csv",
         groups="<results>/tables/walking_groups.csv",
         budget="<results>/tables/walking_budget.csv",
@@ -301,13 +308,15 @@ rule summarise_walking:
             output,
             log,
             inputs=dict(
-                table=input.table,
-                crossings=input.crossings,
-                selection=input.selection,
-                unperturbed=input.unperturbed,
-                plate=input.plate,
-                timing=input.timing,
-                trajectory=input.trajectory,
+                files=SummaryFiles(
+                    table=input.table,
+                    crossings=input.crossings,
+                    selection=input.selection,
+                    unperturbed=input.unperturbed,
+                    plate=input.plate,
+                    timing=input.timing,
+                    trajectory=input.trajectory,
+                ),
             ),
             arguments=dict(
                 settings=TimingSettings(**params.settings),
@@ -315,11 +324,13 @@ rule summarise_walking:
                 sheet=params.sheet,
                 places=params.places,
                 has_drivetrain=params.has_drivetrain,
-                data=CAMPAIGN.data,
-                output=Path(output.output),
-                responses=Path(output.responses),
-                groups=Path(output.groups),
-                budget=Path(output.budget),
+                outputs=SummaryOutputs(
+                    summary=Path(output.summary),
+                    responses=Path(output.responses),
+                    groups=Path(output.groups),
+                    budget=Path(output.budget),
+                    data=CAMPAIGN.data,
+                ),
             ),
             left_out=LeftOut(excluded=params.excluded),
         )

@@ -4,7 +4,7 @@ files between them."""
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -198,16 +198,23 @@ def find_timing(
     write_model(timing_of(crossings, read_model(plate, PlateModel), settings), output)
 
 
+@dataclass(frozen=True)
+class StatedOfCrossing:
+    """What the sheet states of a crossing."""
+
+    perturbed: bool
+    direction: str | None = None  # of the platform's turn: `up` or `down`
+    body_mass_kg: float | None = None
+
+
 def analyse(
     trial: Path,
     calibration: Path,
     plate: Path,
     timing: Path,
-    perturbed: bool,
+    stated: StatedOfCrossing,
     settings: choices.CrossingSettings,
     output: Path,
-    direction: str | None = None,
-    body_mass_kg: float | None = None,
 ) -> None:
     """Write angle and torque of one crossing, with its events, or, with a warning, why there are
     none.
@@ -218,8 +225,7 @@ def analyse(
         The recording.
     calibration, plate, timing : Path
         Those of its static trial, of the plate and of all perturbed crossings.
-    perturbed, direction, body_mass_kg
-        What the sheet states.
+    stated : StatedOfCrossing
     settings : CrossingSettings
     output : Path
         A Parquet file.
@@ -232,14 +238,17 @@ def analyse(
     lag = timings.lags.get(walked.name, timings.lag) or 0.0
     try:
         with naming(f"trial {walked.name}"):
-            crossing = analyse_crossing(walked, static, model, perturbed, settings, onset, lag)
-            if direction is not None and crossing.direction not in (None, direction):
+            crossing = analyse_crossing(
+                walked, static, model, stated.perturbed, settings, onset, lag
+            )
+            expected = stated.direction
+            if expected is not None and crossing.direction not in (None, expected):
                 raise InputError(
                     f"the platform turned by {np.rad2deg(crossing.turn or 0.0):.1f} deg"
-                    f" (positive: toes up), but the sheet says direction '{direction}'",
+                    f" (positive: toes up), but the sheet says direction '{expected}'",
                     "correct the sheet, or exclude the trial",
                 )
-        crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
+        crossing = replace(crossing, body_mass=body_mass(walked, stated.body_mass_kg))
     except OslAnalysisError as error:
         reason = str(error)
         advise(f"excluded: {reason}")

@@ -2,6 +2,7 @@
 """K, B and I of groups of perturbed crossings (Fig. 9)."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -45,127 +46,192 @@ from osl_analysis.walking.tables import (
 FEWEST_FITS = 2  # of perturbations, for a scatter
 
 
+@dataclass(frozen=True)
+class SummaryFiles:
+    """What earlier jobs found, and the file of what a leg was commanded."""
+
+    table: Path  # `walking.csv`, with the fits to single perturbations
+    crossings: Sequence[Path]  # the perturbed ones
+    selection: Path  # of `select_crossings`
+    unperturbed: Path  # of `average_unperturbed`
+    plate: Path  # the plate's model
+    timing: Path  # its lags in the crossings
+    trajectory: Sequence[Path] = ()  # what a leg was commanded over the gait cycle, if known
+
+
+@dataclass(frozen=True)
+class SummaryOutputs:
+    """Where the summary is written."""
+
+    summary: Path  # the mean over perturbations, and the ensemble fit
+    responses: Path  # in their window
+    groups: Path  # the conditions of each group
+    budget: Path  # what contributes to the uncertainty of each estimate
+    data: str = ""  # whether the recordings are simulated or measured
+
+
+@dataclass(frozen=True)
+class Walked:
+    """The crossings of a campaign, and what was computed of them before."""
+
+    selected: pl.DataFrame  # crossings in their groups; `reason` of one that is not used
+    fitted: pl.DataFrame  # rows of `walking.csv` that have a fit
+    crossings: Mapping[str, Path]  # files by trial
+    gaits: Gaits
+    plate: PlateModel
+    timing: PlateTiming
+
+    @property
+    def groups(self) -> list[str]:
+        """Those of perturbed crossings."""
+        names = self.selected.filter("perturbed")["group"].drop_nulls()
+        return list(dict.fromkeys(SEPARATOR.join(names).split(SEPARATOR)))
+
+    def perturbed(self, group: str) -> list[str]:
+        """The perturbed crossings of a group that are used."""
+        is_used = pl.col("reason").is_null()
+        return self.selected.filter("perturbed", is_used, group=group)["trial"].to_list()
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """What the perturbations of one group give."""
+
+    row: Mapping[str, Any]  # of `walking_groups.csv`, with the `reason` of one without a result
+    summary: Sequence[Mapping[str, Any]]  # rows of `walking_summary.csv`
+    headline: GroupHeadline | None  # None without a result
+
+
 def summarise_perturbations(
-    *,
-    table: Path,
-    crossings: Sequence[Path],
-    selection: Path,
-    unperturbed: Path,
+    files: SummaryFiles,
     settings: choices.TimingSettings,
-    output: Path,
-    responses: Path,
-    groups: Path,
-    budget: Path,
-    sheet: Mapping[str, Mapping[str, Any]],
-    plate: Path,
-    timing: Path,
     limits: Limits,
+    sheet: Mapping[str, Mapping[str, Any]],
     places: Places,
-    has_drivetrain: bool = True,
-    trajectory: Sequence[Path] = (),
-    data: str = "",
+    has_drivetrain: bool,
+    outputs: SummaryOutputs,
 ) -> None:
     """Summarise the perturbations of each group.
 
     Parameters
     ----------
-    table : Path
-        `walking.csv`, with the fits to single perturbations.
-    crossings : Sequence of Path
-        The perturbed ones.
-    selection, unperturbed : Path
-        What `select_crossings` and `average_unperturbed` wrote.
+    files : SummaryFiles
     settings : TimingSettings
-    output : Path
-        The mean over perturbations, and the ensemble fit.
-    responses : Path
-        Responses in their window.
-    groups : Path
-        The conditions of each group.
-    budget : Path
-        What contributes to the uncertainty of each estimate.
-    sheet : Mapping
-        Cells of the sample sheet of each crossing.
-    plate, timing : Path
-        The plate's model, and its lags in the crossings.
     limits : Limits
         Beyond which a group is doubtful.
+    sheet : Mapping
+        Cells of the sample sheet of each crossing.
     places : Places
         Joint and side of each crossing.
     has_drivetrain : bool
         Whether a parameter file describes one: Eq. 15 may then read a negative inertia.
-    trajectory : Sequence of Path
-        What a leg was commanded over the gait cycle, if a file says so.
-    data : str
-        Whether the recordings are simulated or measured.
+    outputs : SummaryOutputs
 
     Raises
     ------
     InputError
         No group has a result, as with fewer than two perturbations.
     """
-    fits = read_table(table, ["trial"])
-    fitted = fits.filter(pl.col(WHY_NO_FIT).is_null())
-    selected = crossings_in_groups(selection, fits)
-    perturbed = selected.filter("perturbed")
-    gaits: Gaits = read_model(unperturbed, Gaits)
-    model = read_model(plate, PlateModel)
-    lags = read_model(timing, PlateTiming)
-    commanded = commanded_trajectory(trajectory, data)
-    files = {path.stem: path for path in crossings}
-
-    of_groups: list[dict[str, Any]] = []
-    rows = []
-    of_responses = []
-    of_budgets = []
-    own_verdicts = {}  # by group, of the fit minus predicted gait
-    places_of = {}
-    for group in dict.fromkeys(SEPARATOR.join(perturbed["group"].drop_nulls()).split(SEPARATOR)):
-        trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
-        gait = gaits.get(group)
-        conditions = conditions_of(group, selected, gait, model, lags)
-        of_group = fitted.filter(pl.col("trial").is_in(trials))
-        try:
-            headline = headline_of(of_group, gait, files, settings, model, lags, has_drivetrain)
-        except OslAnalysisError as error:
-            advise(f"no result of {group}: {error}")
-            row = {**conditions, "reason": str(error)}
-            without = {"estimator": ENSEMBLE, "n": len(of_group), "mean": None}
-            summary = [{"quantity": name, **without} for name in ("K", "B", "I", "VAF")]
-        else:
-            row = {**conditions, **result_columns(conditions, headline), "reason": None}
-            summary = result_tables.headline_rows(headline, of_group)
-            of_responses.append(result_tables.response_table(group, headline))
-            of_budgets.append(result_tables.budget_table(group, headline))
-            predicted = judged_estimates("walking_groups", headline.predicted.budgets, limits)
-            own_verdicts[group] = {each.symbol: each.verdict.name for each in predicted}
-        of_groups.append(row)
-        sides = {places[trial]["side"] for trial in trials}
-        side = sides.pop() if len(sides) == 1 else None
-        places_of[group] = {"joint": JOINT, "side": side}
-        cells = sheet[trials[0]] if trials else {}
-        for each in summary:
-            name = f"{each['quantity']}_d"  # K_d, B_d; no I is commanded
-            desired = cells.get(name)
-            if desired is None:
-                desired = commanded_value(commanded, name, row.get("fitted_phase"))
-            rows.append({"group": group, **each, "commanded": desired})
-    if not of_responses:
-        why = "; ".join(f"{row['group']}: {row['reason']}" for row in of_groups)
-        raise InputError(f"{table}: no result of any group: {why}")
-
-    group_table = pl.DataFrame(of_groups, infer_schema_length=None)
-    contributions = pl.concat(of_budgets)
-    doubts = judged(group_table, limits, "walking_groups", budget=contributions)
-    group_table = marked(group_table, doubts, "walking_groups")
-    tables = {
-        output: with_verdicts(rows, group_table, own_verdicts),
-        groups: group_table,
-        responses: pl.concat(of_responses),
-        budget: contributions,
+    walked = read_walked(files)
+    results = {
+        group: group_result(group, walked, settings, has_drivetrain) for group in walked.groups
     }
-    for path, frame in tables.items():
-        write_table(with_places(frame, places_of, "group"), path, data)
+    headlines = {
+        group: result.headline for group, result in results.items() if result.headline is not None
+    }
+    if not headlines:
+        reasons = [f"{group}: {result.row['reason']}" for group, result in results.items()]
+        raise InputError(f"{files.table}: no result of any group: {'; '.join(reasons)}")
+
+    budget = pl.concat(
+        result_tables.budget_table(group, headline) for group, headline in headlines.items()
+    )
+    responses = pl.concat(
+        result_tables.response_table(group, headline) for group, headline in headlines.items()
+    )
+    group_rows = [dict(result.row) for result in results.values()]
+    groups = pl.DataFrame(group_rows, infer_schema_length=None)
+    doubts = judged(groups, limits, "walking_groups", budget=budget)
+    groups = marked(groups, doubts, "walking_groups")
+
+    trajectory = commanded_trajectory(files.trajectory, outputs.data)
+    summary_rows = []
+    places_by_group = {}
+    for group, result in results.items():
+        trials = walked.perturbed(group)
+        cells = sheet[trials[0]] if trials else {}
+        summary_rows += with_commanded(result, cells, trajectory)
+        places_by_group[group] = {"joint": JOINT, "side": common_side(trials, places)}
+    predicted = {
+        group: verdicts_of_predicted(headline, limits) for group, headline in headlines.items()
+    }
+    tables = {
+        outputs.summary: with_verdicts(summary_rows, groups, predicted),
+        outputs.groups: groups,
+        outputs.responses: responses,
+        outputs.budget: budget,
+    }
+    for path, table in tables.items():
+        write_table(with_places(table, places_by_group, "group"), path, outputs.data)
+
+
+def read_walked(files: SummaryFiles) -> Walked:
+    """What earlier jobs found. Raises InputError where a file is of another kind."""
+    fits = read_table(files.table, ["trial"])
+    return Walked(
+        selected=crossings_in_groups(files.selection, fits),
+        fitted=fits.filter(pl.col(WHY_NO_FIT).is_null()),
+        crossings={path.stem: path for path in files.crossings},
+        gaits=read_model(files.unperturbed, Gaits),
+        plate=read_model(files.plate, PlateModel),
+        timing=read_model(files.timing, PlateTiming),
+    )
+
+
+def group_result(
+    group: str, walked: Walked, settings: choices.TimingSettings, has_drivetrain: bool
+) -> GroupResult:
+    """What the perturbations of one group give, or, with a warning, why they give nothing."""
+    gait = walked.gaits.get(group)
+    conditions = conditions_of(group, walked.selected, gait, walked.plate, walked.timing)
+    fits = walked.fitted.filter(pl.col("trial").is_in(walked.perturbed(group)))
+    try:
+        headline = headline_of(fits, gait, walked, settings, has_drivetrain)
+    except OslAnalysisError as error:
+        advise(f"no result of {group}: {error}")
+        without = {"group": group, "estimator": ENSEMBLE, "n": len(fits), "mean": None}
+        summary = [{"quantity": name, **without} for name in ("K", "B", "I", "VAF")]
+        return GroupResult({**conditions, "reason": str(error)}, summary, None)
+    row = {**conditions, **result_columns(conditions, headline), "reason": None}
+    summary = [{"group": group, **cells} for cells in result_tables.headline_rows(headline, fits)]
+    return GroupResult(row, summary, headline)
+
+
+def with_commanded(
+    result: GroupResult, cells: Mapping[str, Any], trajectory: ImpedanceTrajectory | None
+) -> list[dict[str, Any]]:
+    """The rows of the summary of a group with what was commanded: by the sheet (`cells` of its
+    first crossing), else by the trajectory at the fitted phase."""
+    rows = []
+    for row in result.summary:
+        name = f"{row['quantity']}_d"  # K_d, B_d; no I is commanded
+        desired = cells.get(name)
+        if desired is None:
+            desired = commanded_value(trajectory, name, result.row.get("fitted_phase"))
+        rows.append({**row, "commanded": desired})
+    return rows
+
+
+def common_side(trials: Sequence[str], places: Places) -> str | None:
+    """The side of these crossings; None where they have several."""
+    sides = {places[trial]["side"] for trial in trials}
+    return sides.pop() if len(sides) == 1 else None
+
+
+def verdicts_of_predicted(headline: GroupHeadline, limits: Limits) -> dict[str, str]:
+    """By quantity, the verdict on the fit minus predicted gait."""
+    estimates = judged_estimates("walking_groups", headline.predicted.budgets, limits)
+    return {estimate.symbol: estimate.verdict.name for estimate in estimates}
 
 
 def with_verdicts(
@@ -201,13 +267,12 @@ def crossings_in_groups(selection: Path, fits: pl.DataFrame) -> pl.DataFrame:
 def headline_of(
     fits: pl.DataFrame,
     gait: UnperturbedGait | None,
-    files: Mapping[str, Path],
+    walked: Walked,
     settings: choices.TimingSettings,
-    plate: PlateModel,
-    timing: PlateTiming,
     has_drivetrain: bool,
 ) -> GroupHeadline:
-    """The ensemble fit to the crossings of a group that have a fit of their own."""
+    """The ensemble fit to the crossings of a group that have a fit of their own. Raises InputError
+    without a mean gait, or with too few of them."""
     if gait is None:
         raise InputError(NO_GAIT)
     if len(fits) < FEWEST_FITS:
@@ -215,8 +280,8 @@ def headline_of(
             f"{len(fits)} perturbations can be used, expected {FEWEST_FITS} or more for a scatter",
             "see the reasons in walking_crossings.csv and walking.csv, or record more",
         )
-    crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
-    return group_headline(crossings, gait, settings, plate, timing, has_drivetrain)
+    crossings = [read_crossing(walked.crossings[trial]) for trial in fits["trial"]]
+    return group_headline(crossings, gait, settings, walked.plate, walked.timing, has_drivetrain)
 
 
 def commanded_trajectory(trajectory: Sequence[Path], data: str) -> ImpedanceTrajectory | None:

@@ -2,13 +2,13 @@
 """A job: one call of a function by a rule, and the files around it."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
-Files = Path | list[Path] | dict[str, Path] | None
-"""An input of a job: a file, files in their order, files by name, or an optional file that is not
-there."""
+Files = Any
+"""An input of a job: a file (`Path`), files in their order (`list`), files by name (`dict`), an
+optional file that is not there (None), or a dataclass whose fields are such."""
 
 
 def listed(files: Files) -> list[Path]:
@@ -17,7 +17,10 @@ def listed(files: Files) -> list[Path]:
         return []
     if isinstance(files, Path):
         return [files]
-    return list(files.values()) if isinstance(files, dict) else files
+    if isinstance(files, list):
+        return files
+    by_name = files if isinstance(files, Mapping) else vars(files)
+    return [file for part in by_name.values() for file in listed(part)]
 
 
 def as_paths(files: Any) -> Files:
@@ -28,6 +31,9 @@ def as_paths(files: Any) -> Files:
         return Path(files)
     if isinstance(files, Mapping):
         return {name: Path(file) for name, file in files.items()}
+    if is_dataclass(files):
+        paths = {name: as_paths(part) for name, part in vars(files).items()}
+        return replace(files, **paths)  # type: ignore[type-var]
     return [Path(file) for file in files]
 
 

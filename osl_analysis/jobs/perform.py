@@ -11,6 +11,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import is_dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -197,6 +198,11 @@ def drop_trials(
     usable = dict(inputs)
     needed = set[str]()
     for argument, files in inputs.items():
+        if is_dataclass(files):
+            parts, needed_of_parts = drop_trials(vars(files), names)
+            usable[argument] = replace(files, **parts)  # type: ignore[type-var]
+            needed.update(needed_of_parts)
+            continue
         if isinstance(files, list):
             usable[argument] = [file for file in files if file.stem not in names]
         elif isinstance(files, dict):

@@ -140,20 +140,25 @@ def run_jobs(
         walking.fit_perturbation(file, selection, gait, chosen, fit)
     write_table(gather(fits, "walking", limits), table)
     walking_summary.summarise_perturbations(
-        crossings=turned,
+        walking_summary.SummaryFiles(
+            table=table,
+            crossings=turned,
+            selection=selection,
+            unperturbed=gait,
+            plate=folder / "plate.json",
+            timing=folder / "timing.json",
+        ),
         settings=chosen,
+        limits=limits_of_groups or Limits(),
         sheet=sheet,
         places={name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()},
-        limits=limits_of_groups or Limits(),
-        table=table,
-        selection=selection,
-        unperturbed=gait,
-        output=folder / "summary.csv",
-        responses=folder / "responses.csv",
-        groups=folder / "groups.csv",
-        budget=folder / "budget.csv",
-        plate=folder / "plate.json",
-        timing=folder / "timing.json",
+        has_drivetrain=True,
+        outputs=walking_summary.SummaryOutputs(
+            summary=folder / "summary.csv",
+            responses=folder / "responses.csv",
+            groups=folder / "groups.csv",
+            budget=folder / "budget.csv",
+        ),
     )
     return Tables(folder)
 

@@ -11,7 +11,7 @@ import sys
 import warnings
 import zipfile
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
 from types import SimpleNamespace
@@ -61,6 +61,14 @@ def job(tmp_path, function, inputs=None, outputs=None, trial=NO_TRIAL, **argumen
         trial=trial,
         data="measured",
     )
+
+
+@dataclass(frozen=True)
+class Fields:
+    """An input of several files."""
+
+    several: list[Path]
+    single: Path
 
 
 def lost(path, *causes):
@@ -118,6 +126,9 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list(tmp_path):
     assert drop_refused({"rows": bad[1:]}) == ({"rows": []}, [LOST], [LOST])
     assert drop_refused({"trial": bad[1]}) == ({"trial": bad[1]}, [LOST], [LOST])
     assert drop_refused({"trial": good[1], "parameters": None})[1:] == ([], [])
+    used, refused, missing = drop_refused({"fields": Fields([bad[1], good[1]], good[2])})
+    assert (used, refused, missing) == ({"fields": Fields([good[1]], good[2])}, [LOST], [])
+    assert drop_refused({"fields": Fields([good[1]], bad[1])})[2] == [LOST]
     refused = lost(tmp_path / "quality/b_1.csv", LOST)
     assert read_verdicts([refused], QualityRules(), {}).is_empty()  # that is no verdict
 

@@ -56,7 +56,8 @@ class Session:
     def analyse(self, trial, perturbed, output, *direction):
         names = ("calibration", "plate", "timing")
         files = [self.folder / f"{name}.json" for name in names]
-        walking.analyse(trial, *files, perturbed, self.chosen, output, *direction)
+        stated = walking.StatedOfCrossing(perturbed, *direction)
+        walking.analyse(trial, *files, stated, self.chosen, output)
 
     def share(self, job, names, output, plate=()):
         """What several trials tell together."""
@@ -261,9 +262,8 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real, 
         walking.write_model(replace(known, lags={}, lag=plate.lag), timing)
         walking.write_model(model, tmp_path / "plate.json")
         output = tmp_path / "crossing.parquet"
-        walking.analyse(
-            *files, tmp_path / "plate.json", timing, True, real.chosen, output, body_mass_kg=77.0
-        )
+        stated = walking.StatedOfCrossing(perturbed=True, body_mass_kg=77.0)
+        walking.analyse(*files, tmp_path / "plate.json", timing, stated, real.chosen, output)
         return walking.read_crossing(output)
 
     crossing = crossing_with(plate)

@@ -16,7 +16,7 @@ import pytest
 import yaml
 from c3d_builder import write_c3d
 from conftest import ROOT, refused_with
-from pydantic import Field
+from pydantic import Field, ValidationError
 from shipped import SETTINGS as SHIPPED
 
 from osl_analysis import formats
@@ -38,6 +38,9 @@ from osl_analysis.commands.simulate import (
 )
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import read_sheet
+from osl_analysis.ingest.raw_files import read_source
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
@@ -254,6 +257,24 @@ def test_a_wrong_source_file_concerns_its_trials(in_root, tmp_path, changes, sai
     assert "s" not in problems
     some = {trial: campaign.rows[trial] for trial in ("w0", "w3", "w6")}
     assert source_problems(replace(campaign, sheet=some)).keys() == some.keys()
+
+
+def test_what_is_no_text_is_no_name(tmp_path):
+    (tmp_path / "a.yaml").write_text("format: [csv]")
+    with refused_with("format '' is not known"):
+        read_source(tmp_path / "a.yaml")
+
+    for exclude in ([["gap"]], {"gap": 1}, 5):
+        with pytest.raises(ValidationError):
+            QualityRules.model_validate({"exclude": exclude})
+
+
+def test_a_limit_that_stands_in_the_program_is_none_of_the_configuration():
+    """A number of any table may have a limit, but for those that have one already."""
+    DoubtfulFits.model_validate({"actuator": {"above": {"f_C_ratio": 2}}})
+
+    with pytest.raises(ValueError, match="takes no limit"):
+        DoubtfulFits.model_validate({"belt": {"above": {"saturated_samples": 10}}})
 
 
 def test_a_missing_folder_of_recordings_is_told_by_its_setting(in_root, tmp_path):

@@ -98,14 +98,14 @@ def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude():
         {
             "trial": "a",
             "amplitude_deg": [2.0, 4.0, None],
-            "doubtful": ["K: late torque", None, None],
+            "doubtful": ["K: late torque", None, "B: friction"],
         }
     )
     response = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, 2.0, 4.0, None]})
 
     shared = with_doubts_of(response, impedance)["doubtful"].to_list()
 
-    assert shared == ["K: late torque", "K: late torque", None, None]
+    assert shared == ["K: late torque", "K: late torque", None, "B: friction"]
 
 
 def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):

@@ -35,6 +35,7 @@ from osl_analysis.inference.spectra import (
     solve_scaled,
 )
 from osl_analysis.inference.whitening import Whitened
+from osl_analysis.stats.linear_fit import CONDITION_LIMIT, scaled_condition
 
 # Largest delay of torque or angle [s]; a choice: 30 frames at 1 kHz
 LARGEST_DELAY_S = 0.03
@@ -181,7 +182,24 @@ class ModelAtValue:
 
 
 def models_at_values(model: CandidateModel, search: Search) -> list[ModelAtValue]:
-    """Find values of a candidate model's own parameter that may be; none if it gains nothing."""
+    """Find values of a candidate model's own parameter that may be; none if it gains nothing, or
+    where the motion does not tell its parameters apart: two sines give four numbers, and a
+    viscoelastic branch has five parameters."""
+    return [
+        candidate
+        for candidate in values_of_model(model, search)
+        if model is EQ_15 or is_told(candidate, search)
+    ]
+
+
+def is_told(candidate: ModelAtValue, search: Search) -> bool:
+    """Whether the motion tells a candidate's parameters apart, as it must those of every fit."""
+    columns = search.rest(np.concatenate([candidate.columns, *candidate.slopes]))
+    return scaled_condition(columns @ columns.T) < CONDITION_LIMIT
+
+
+def values_of_model(model: CandidateModel, search: Search) -> list[ModelAtValue]:
+    """A candidate model at the values of its own parameter that fit best."""
     data = search.data
     terms = model.terms
     if terms is None:

@@ -71,6 +71,7 @@ NOISE_ABOVE_HZ = 100.0
 BAND_ENDS = (1.0, 2.0)
 
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
+LAST_LINES = 0.2  # share of the lines, over which the rest of the roll-off falls to 0
 SPECTRUM_S = 2.0  # [s] of a segment of Welch's spectrum
 REST = 0.02  # SD of the angle that a joint at rest does not leave
 HIGHEST_OF_RATE = (0.35, 0.45)  # of the sampling rate: frequencies that show the noise
@@ -300,6 +301,9 @@ class WorkingSpectra(Spectra):
         self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
         self.s = 2j * np.pi * self.frequency
         self.roll_off = roll_off(self.frequency, self.band_hz)
+        # a recording that ends in motion would ring at the last line, if this were cut off
+        to_last = 1 - self.frequency / self.frequency[-1]
+        self.roll_off *= np.sin(np.pi / 2 * np.clip(to_last / LAST_LINES, 0.0, 1.0)) ** 2
         self.powers = np.vander(self.s, DERIVATIVE_COUNT, increasing=True).T
         in_band = slice(len(self.frequency))
         share = self.working_rows / self.padded_rows

@@ -7,14 +7,18 @@ import numpy as np
 import polars as pl
 import pytest
 from any_motion import RATE, made_trial, noise
-from conftest import findings_on, joint_trial
+from conftest import findings_on, joint_trial, white_noise
 from scipy.interpolate import CubicSpline
 from shipped import CONFIG
 
 from osl_analysis.bench.budgets import stated_models
 from osl_analysis.bench.evidence import impedance_table
+from osl_analysis.bench.friction import raw_signals
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.inference.candidate_models import Search
+from osl_analysis.inference.spectra import WorkingSpectra
+from osl_analysis.inference.whitening import Whitened
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.rules import Grade
 
@@ -148,3 +152,43 @@ def test_backlash_is_told_at_any_size_by_what_it_takes_off_the_damping(share):
     assert "backlash, speed or direction" in causes_of(tables)
     sizes = tables["budget"].filter(estimate="B", source="play_or_speed", part="fault")["standard"]
     assert sizes.max() > 0.6 * abs(row["B"] - 5)
+
+
+# ---- candidate models and what a motion tells
+
+
+def two_sines(seed, first=(5, 1.0), second=(2, 2.7)):
+    """An exact joint of K 200, B 3, I 0.05 under two sines [deg, Hz], which begins and ends in
+    motion: its angle is not rounded, its torque has white noise of 0.05 N*m."""
+    time = np.arange(15_000) / 500
+    theta = torque = 0.0
+    for degrees, hz in (first, second):
+        w = 2 * np.pi * hz
+        amplitude = np.deg2rad(degrees)
+        theta = theta + amplitude * np.sin(w * time)
+        torque = torque + amplitude * (
+            (200 - 0.05 * w**2) * np.sin(w * time) + 3 * w * np.cos(w * time)
+        )
+    return joint_trial(time, theta, torque + 0.05 * white_noise(time.size, seed))
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [((5, 1.0), (2, 2.7)), ((5, 0.8), (3, 2.1)), ((4, 1.3), (2, 4.1))]
+)
+def test_two_sines_of_an_exact_joint_show_no_property_and_no_fault(first, second):
+    """They give four numbers: a viscoelastic branch beside K, B and I has five parameters."""
+    for seed in range(6):
+        tables = tables_of(two_sines(seed, first, second))
+
+        assert [*causes_of(tables), *causes_of(tables, Grade.NOTES)] == [], seed
+        assert tables["budget"].filter(detail="viscoelastic branch").is_empty()
+
+
+def test_a_recording_that_ends_in_motion_leaves_white_noise_to_its_end():
+    """A band that is cut off rings at its last line, from the end into the recording."""
+    spectra = WorkingSpectra(raw_signals(record_of(two_sines(0, (5, 0.8), (3, 2.1)))))
+    search = Search(Whitened(spectra), has_friction=False)
+    residual = search.rest(search.data.torque - search.impedance @ search.data.motion)
+
+    *rest, last = (np.mean(part**2) for part in np.array_split(residual, 8))
+    assert last == pytest.approx(np.mean(rest), rel=0.2)

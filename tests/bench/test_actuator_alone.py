@@ -24,6 +24,7 @@ from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial
 from osl_analysis.commands.fit import fit_actuator_trial, fit_trial
 from osl_analysis.commands.trials import checked_trial
+from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
 from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings
 
@@ -197,6 +198,14 @@ def test_a_current_that_was_off_in_the_pauses_comes_from_zero():
 
     assert fit["hysteresis"] == pytest.approx(0.3, abs=0.02)
     assert fit["k_tau_n_m"] == pytest.approx(0.648, rel=0.01)
+
+
+def test_checks_of_sampling_do_not_apply_to_a_clamped_actuator():
+    clamped = with_pauses(staircase(1), 86.0)
+
+    quality = measure_quality(clamped, "actuator", Commanded(None, None, None))
+
+    assert [quality[name].value for name in ("rate", "gap")] == [None, None]
 
 
 def test_friction_lags_behind_small_steps_too():

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT, refused_with
+from scipy.signal import StateSpace, lsim
 from walking_setup import PERTURBED, STATIC, leg_log, load_setup, with_toes_down
 
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
@@ -18,6 +19,7 @@ from osl_analysis.model.compensator import Weight, compensated_gains
 from osl_analysis.simulator.laboratory_files import capture_parameters
 from osl_analysis.simulator.rigid_body import interpolated_at
 from osl_analysis.simulator.simulated_crossing import (
+    impedance_of_leg,
     move,
     walking_commands,
 )
@@ -299,6 +301,32 @@ def test_torque_and_load_are_those_of_level_walking(calm, shipped):
     assert torque_per_kg == pytest.approx(1.4, abs=0.15)
     assert 1.0 < upward.max() < 1.25
     assert not calm.reaction.force[(phase < 0) | (phase > 1)].any()
+
+
+def test_a_walking_leg_renders_what_linear_theory_says(setup):
+    """The linear drivetrain (Eqs. 7-8) under the perturbation's rotation, integrated by scipy."""
+    p = setup.p
+    gains = compensated_gains(340, 5, p)
+    crossing = setup.crossing(True)
+    still = setup.crossing(False)
+    theta, omega, alpha = (
+        getattr(crossing.motion, name) - getattr(still.motion, name)
+        for name in ("theta", "omega", "alpha")
+    )
+    A = [[0, 1], [-(gains.K_1 + p.K_s / p.n_T**2) / p.J_m, -(p.B_m + gains.B_1) / p.J_m]]
+    drivetrain = StateSpace(A, [[0], [p.K_s / p.n_T / p.J_m]], [[1, 0]], [[0]])
+    theta_m = lsim(drivetrain, theta, crossing.time)[1]
+    torque = p.K_s * (theta - theta_m / p.n_T) + p.B_j * omega + p.J_j * alpha
+    since_s = crossing.time - crossing.platform.onset
+    window = (since_s >= 0) & (since_s <= 0.1)
+    columns = np.column_stack([theta, omega, alpha])[window]
+    K, B, I = np.linalg.lstsq(columns, torque[window])[0]
+
+    rendered = impedance_of_leg(crossing, still)
+
+    assert rendered["K_rendered"] == pytest.approx(K, rel=2e-3)
+    assert rendered["B_rendered"] == pytest.approx(B, rel=1e-2)
+    assert rendered["I_rendered"] == pytest.approx(I, abs=1e-3)
 
 
 def test_a_perturbation_changes_nothing_before_its_onset(walked, calm):

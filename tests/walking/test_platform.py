@@ -273,20 +273,3 @@ def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session():
     np.testing.assert_allclose(model.parameters, alike.parameters, atol=0.05)  # 0.01 mm of noise
     with refused_with("column static"):
         identify_plate_model(calibrated([later]), settings())
-
-
-def test_noise_that_the_low_pass_spread_into_rest_is_not_subtracted():
-    """5 deg in 80 ms, 0.1 mm of noise. Read from columns into which the low-pass of 8 Hz spread the
-    motion, it made the mass 25.06; of 8 seeds it is 25.000 with a scatter of 0.014 (moment 0.0022,
-    I_yy 0.0006): three of them here."""
-    rig = replace(RIG, marker=1e-4)
-    I_yy = rig.mass * (rig.gyration[1] ** 2 + rig.com[0] ** 2 + rig.com[2] ** 2)
-
-    model = identify_plate_model(
-        calibrated(plate_trials(rig, Ramp(angle=5, rise=0.08), 1)), settings()
-    )
-
-    mass, moment, inertia = model.parameters[[0, 3, 5]]
-    assert mass == pytest.approx(rig.mass, abs=0.042)
-    assert moment == pytest.approx(rig.mass * rig.com[2], abs=0.0066)
-    assert inertia == pytest.approx(I_yy, abs=0.0018)

@@ -270,12 +270,14 @@ def test_signs_between_thousands_are_refused_and_never_taken_for_decimals(
         )
 
 
-def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):
-    """A draft listed each of them under `missing`: half of the torque would have been left out."""
-    thousands = [f"{1e3 * x + 900:_.1f}" for x in TIME]
+@pytest.mark.parametrize("sign", ["_", "'", " "])
+def test_numbers_in_another_writing_are_no_failed_readings(tmp_path, sign):
+    """A draft listed each of them under `missing`, so that half of the torque would have been left
+    out; without what stands before the sign, 1_198.0 would be 198.0."""
+    thousands = [f"{1e3 * x + 900:_.1f}".replace("_", sign) for x in TIME]
     (tmp_path / "a.csv").write_text(text(t=thousands, head=["time_ms", *HEAD[1:]]))
 
-    with refused_with(r"'1_000\.0'"):
+    with refused_with(rf"'1{sign}000\.0'"):
         read_by_draft(tmp_path / "a.csv")
 
 

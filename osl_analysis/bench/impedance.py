@@ -15,10 +15,12 @@ from osl_analysis.base.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.base.measured import UNIFORM_WIDTH
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
-from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
+from osl_analysis.bench.record import STIFFNESS_ALONE, Groups, Label, Record
 from osl_analysis.bench.regression import (
     DERIVATIVES,
+    EDGE_ROWS,
     IMPEDANCE,
+    SLOW,
     Model,
     Sums,
     columns_of,
@@ -26,10 +28,11 @@ from osl_analysis.bench.regression import (
     friction_column,
     gram_sums,
     least_squares,
+    with_gain,
 )
 from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.inference.spectra import noise_and_band
-from osl_analysis.signals.filters import LowPass, sections_of, seven_point_motion
+from osl_analysis.signals.filters import LowPass, run_edges, seven_point_motion
 from osl_analysis.stats.budget import QUANTITIES, Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit, solved
 from osl_analysis.stats.sources import Source
@@ -389,6 +392,12 @@ def with_encoder_errors(
 FEWEST_SINES = 3  # of which two tell K from I in the lower and in the upper part of the band
 # of a motion without sines: in half of them blocks of another size still tell all estimates
 FEWEST_BLOCKS = 16
+# periods of the slowest motion from an end of a run, within which parts of a motion hang on how the
+# run goes on beyond its end: in a period the high-pass falls by exp(-4.4). Leaving out 0, 0.5 and 1
+# periods, an end of the range of I moves by up to 500, 31 and 0.7 % of itself where three seconds
+# more are filtered (six motions of 40 s, 0.6 to 5 Hz, of tests/bench/test_amplitude_changes.py)
+REACH_PERIODS = 1.0
+LEAST_INNER_SHARE = 0.5  # of the groups; where fewer lie within, all of them are parted
 
 
 def parts_of(record: Record, sums: Sums) -> Iterator[Sums]:
@@ -415,35 +424,72 @@ def parts_of(record: Record, sums: Sums) -> Iterator[Sums]:
             for part_hz in (sines_hz[: len(sines_hz) - both], sines_hz[both:]):
                 yield sums.chosen(np.isin(hz[groups.stratum], part_hz))
         return
-    rows = groups.stop - groups.first
-    if len(rows) >= FEWEST_BLOCKS:
-        mean_square = sums.products(sums.weighted, ["theta"])[:, 0, 0] / rows
-        is_large = mean_square > np.median(mean_square)
-        yield from (sums.chosen(~is_large), sums.chosen(is_large))
     low_hz, high_hz = record.band_hz
-    yield from parts_of_band(record, sums, np.sqrt(low_hz * high_hz))
+    reach = REACH_PERIODS * record.coarse.rate_hz / low_hz
+    is_inner = far_from_ends(groups, run_edges(record.coarse.is_fitted()), reach)
+    if not is_inner.all():
+        sums = with_plain_drift(sums, record)
+    inner = sums.chosen(is_inner)
+    rows = inner.groups.stop - inner.groups.first
+    if len(rows) >= FEWEST_BLOCKS:
+        mean_square = inner.products(inner.weighted, ["theta"])[:, 0, 0] / rows
+        is_large = mean_square > np.median(mean_square)
+        yield inner.chosen(~is_large)
+        yield inner.chosen(is_large)
+    for part in parts_of_band(record, sums, np.sqrt(low_hz * high_hz)):
+        yield part.chosen(is_inner)
 
 
 def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]:
-    """The sums below and above a frequency, by a zero-phase filter over the whole record, as those
-    of the whole band without slow torque and without the noise of the angle."""
+    """The sums below and above a frequency, as those of the whole band without slow torque and
+    without the noise of the angle.
+
+    Each run of fitted rows is filtered alone, without phase. A constant torque, as of a load cell
+    that is not tared, is then no step at the ends of a run.
+    """
     coarse = record.coarse
     fast = sums.fast
     if fast is None:
         raise ValueError("the band is parted of sums that keep their fast signals")
     low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
     # of each part the torque has its own offset and drift
-    moves = ~np.isin(sums.names, ["one", "ramp"])
-    below = scipy.signal.sosfiltfilt(sections_of(low_pass, coarse.rate_hz), fast[moves])
-    above = fast[moves] - below
+    moves = ~np.isin(sums.names, [*SLOW.values()])
+    below = fast.copy()
+    above = fast.copy()
+    for first, stop in run_edges(coarse.is_fitted(edge=EDGE_ROWS)):
+        rows = slice(first, stop)
+        slow = with_gain(fast[moves, rows], lambda f: low_pass.gain(f * coarse.rate_hz))
+        below[moves, rows] = slow
+        above[moves, rows] -= slow
     noise_hz, power = record.angle_noise
     gain_below = low_pass.gain(noise_hz)
-    for moving, gain in ((below, gain_below), (above, 1 - gain_below)):
-        part = fast.copy()
-        part[moves] = moving
+    for part, gain in ((below, gain_below), (above, 1 - gain_below)):
         noise = np.array([noise_hz, power * gain**2])
         products, noise_of_row = fitted_products(sums.names, part, coarse, noise)
         yield replace(sums, weighted=products, noise=noise_of_row, fast=None)
+
+
+def far_from_ends(groups: Groups, runs: NDArray[np.intp], reach: float) -> NDArray[np.bool_]:
+    """Which groups (m,) lie further than `reach` [rows] from both ends of their run of rows (k, 2).
+    All of them, where these are less than `LEAST_INNER_SHARE`: a short motion has no more."""
+    run = np.searchsorted(runs[:, 0], groups.first, side="right") - 1
+    begin, end = runs[run].T
+    is_inner = (groups.first - begin >= reach) & (end - groups.stop >= reach)
+    if is_inner.mean() < LEAST_INNER_SHARE:
+        return np.ones_like(is_inner)
+    return is_inner
+
+
+def with_plain_drift(sums: Sums, record: Record) -> Sums:
+    """The sums with offset and drift as they are. The high-pass leaves nothing of them far from the
+    ends of a run, but what it makes of the ends, which may look like a slow motion."""
+    if sums.fast is None:
+        raise ValueError("only sums that keep their fast signals can be changed so")
+    fast = sums.fast.copy()
+    for name in SLOW.values():
+        fast[sums.names.index(name)] = sums.columns[name]
+    products, noise = fitted_products(sums.names, fast, record.coarse, record.angle_noise)
+    return replace(sums, weighted=products, noise=noise, fast=fast)
 
 
 def range_over(parts: Sequence[Sums], *reported: LinearFit) -> dict[str, tuple[float, float]]:

@@ -15,7 +15,7 @@ Each estimate is that of least squares, whatever the motion. Its interval is tha
 the same motion again, with other noise.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -260,14 +260,19 @@ def fast_signals(record: Record, names: Sequence[str], signals: Array) -> Array:
 
 
 def without_slower(signals: Array, slow: float) -> Array:
-    """Signals (q, n) without what is slower than `slow` [cycles per row]: the lines of their
-    discrete cosine transform behind a high-pass (band-spectrum regression; Engle, Int. Econ. Review
-    15, 1974)."""
+    """Signals (q, n) without what is slower than `slow` [cycles per row] (band-spectrum regression;
+    Engle, Int. Econ. Review 15, 1974)."""
+    return with_gain(signals, lambda frequency: high_pass_gain(frequency, slow))
+
+
+def with_gain(signals: Array, gain: Callable[[Array], Array]) -> Array:
+    """Filter signals (q, n) without phase: the lines of their discrete cosine transform times a
+    gain at their frequencies [cycles per row]."""
     lines = scipy.fft.dct(signals)
     frequency = np.arange(lines.shape[1]) / (2 * lines.shape[1])
     # a constant has this line alone: whatever gain it gets, offset and estimates are the same
     frequency[0] = frequency[1] / 4
-    return scipy.fft.idct(high_pass_gain(frequency, slow) * lines)
+    return scipy.fft.idct(gain(frequency) * lines)
 
 
 def running_mean(signals: Array, period: float) -> Array:

@@ -12,8 +12,10 @@ from conftest import least_squares_alone
 from shipped import CONFIG
 
 from osl_analysis.base.trial import Trial
+from osl_analysis.bench import impedance, regression
 from osl_analysis.bench.budgets import Evidence, over_motion
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.regression import with_gain
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats.linear_fit import LinearFit
 
@@ -134,3 +136,53 @@ def test_half_of_a_change_over_amplitudes_is_friction_s_or_a_spring_s(changes, n
         sizes = {row.source: row.standard for row in over_motion(found, name)}
         half = abs(change) / 2
         assert sizes == {"amplitude": 2 * half} | ({names[name]: half} if name in names else {})
+
+
+def hardening_trial(seed):
+    """A joint with friction whose spring stiffens, which rests before and after its motion."""
+    rng = np.random.default_rng(seed)
+    motion = noise(rng, (0.6, 5.0), rms_deg=3.0, duration=60.0, rate=250.0)
+    theta, omega, _ = motion[1]
+    return made_trial(rng, motion, more=4e3 * theta**3 + 0.5 * np.tanh(omega / 0.05))
+
+
+def ranges_of(trial, windows=None):
+    """Ends (6,) of the ranges of K, B and I."""
+    row = table_of(record_of_trial(trial, CONFIG.dynamometer, windows)).row(-1, named=True)
+    return np.array([row[f"{name}_range_{end}"] for name in "KBI" for end in ("low", "high")])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_torque_that_is_not_tared_moves_no_range(seed):
+    trial = hardening_trial(seed)
+    torque = trial.samples["torque"]
+    not_tared = Trial("not tared", trial.samples.with_columns(torque + 3 * torque.std()))
+
+    assert ranges_of(not_tared) == pytest.approx(ranges_of(trial), rel=0.01)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_range_hangs_on_how_a_motion_goes_on_beyond_its_ends(seed, monkeypatch):
+    """A filter sees beyond them the mirror image at once, or first half of the run's image or three
+    seconds of what was recorded there."""
+    trial = hardening_trial(seed)
+    alone = ranges_of(trial, "12-52")
+
+    with monkeypatch.context() as patch:
+        for module in (impedance, regression):
+            patch.setattr(module, "with_gain", with_gain_of_mirrored)
+        mirrored = ranges_of(trial, "12-52")
+    with monkeypatch.context() as patch:
+        for module in (impedance, regression):
+            patch.setattr(module, "EDGE_ROWS", 3 * 250)
+        recorded = ranges_of(trial, "12-52")
+
+    assert mirrored == pytest.approx(alone, rel=0.02)
+    assert recorded == pytest.approx(alone, rel=0.02)
+
+
+def with_gain_of_mirrored(signals, gain):
+    """Signals filtered with half of their mirror image behind them."""
+    n = signals.shape[1]
+    extended = np.pad(signals, ((0, 0), (0, n // 2)), "symmetric")
+    return with_gain(extended, gain)[:, :n]

@@ -4,6 +4,7 @@ They call what the jobs of a campaign call: their numbers are those of its table
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard
 
@@ -20,7 +21,8 @@ from osl_analysis.commands.fit import checks_of, fit_trial, run_fit
 from osl_analysis.commands.fit_results import Fit, estimated, printed_units
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.figures.drawing import drawn, look_numbers, plotted_columns, plotted_numbers
-from osl_analysis.judge.judging import judged, marked, with_doubts_of
+from osl_analysis.judge.joining import findings_of_rows, with_findings, with_texts
+from osl_analysis.judge.judging import judged
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.stats.rounding import estimate_text
 
@@ -249,9 +251,11 @@ def frequency_response(
     tables = fitted.everything()
     fits, response = tables["impedance"], tables["response"]
 
-    found = judged(fits, stated.doubtful.of("impedance"), "impedance", budget=tables["budget"])
-    table = with_doubts_of(response, marked(fits, found, "impedance"))
-    rows = table.with_columns(
+    limits = stated.doubtful.of("impedance")
+    findings = list(chain(*judged(fits, limits, "impedance", budget=tables["budget"])))
+    about_rows = findings_of_rows(response, findings, "response")
+    table = with_texts(response, about_rows, "response")
+    rows = with_findings(table, about_rows).with_columns(
         look_numbers(table["controller"]),
         joint=pl.lit(joint_of(device) if device else None, pl.String),
         side=pl.lit(None, pl.String),

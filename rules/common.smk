@@ -52,6 +52,8 @@ from osl_analysis.campaign.origin import (
 )
 from osl_analysis.campaign.result_files import (
     DERIVED,
+    GROUPS,
+    ON_PAPER,
     ResultFiles,
     name_pattern,
     response_example,
@@ -65,7 +67,7 @@ from osl_analysis.bench.bench_settings import (
     TorqueAngleAnalysis,
 )
 from osl_analysis.commands.run import left_out_recordings, start_campaign
-from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import ON_DYNAMOMETER, RECORDINGS
 from osl_analysis.base.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures.drawing import FIGURES
@@ -303,8 +305,3 @@ else, of jobs that are processes of their own, it would keep those of the plan f
 def faults(trials):
     """A param: by trial, the fault of its recording that spoils the estimates."""
     return judged(spoiled_trials, trials)
-
-
-def limits(table):
-    """The limits beyond which a fit of a table is doubtful; None for a table that is not judged."""
-    return as_json(CONFIG.doubtful.of(table)) if table in JUDGED_TABLES else None

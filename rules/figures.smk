@@ -28,6 +28,9 @@ rule plot_numbers:
         others=lambda wildcards: expand(
             "<results>/tables/{table}.csv", table=FIGURES[wildcards.figure].beside
         ),
+        findings=lambda wildcards: FILES.findings(
+            FIGURES[wildcards.figure].table, *FIGURES[wildcards.figure].beside
+        ),
     output:
         output="<results>/figures/{figure}.csv",
     log:
@@ -43,7 +46,7 @@ rule plot_numbers:
             plot_numbers,
             output,
             log,
-            inputs=dict(table=input.table, others=input.others),
+            inputs=dict(table=input.table, others=input.others, findings=input.findings),
             arguments=dict(name=wildcards.figure, option=params.option),
         )
 
@@ -54,6 +57,7 @@ rule fig3_numbers:
         FILES.checks(CAMPAIGN.trials("belt")),
         curves=FILES.rows("belt_curves"),
         table="<results>/tables/belt.csv",
+        findings=FILES.findings("belt"),
         summary="<results>/tables/belt_summary.csv",
     output:
         output="<results>/figures/fig3.csv",
@@ -70,7 +74,12 @@ rule fig3_numbers:
             fig3,
             output,
             log,
-            inputs=dict(curves=input.curves, table=input.table, summary=input.summary),
+            inputs=dict(
+                curves=input.curves,
+                table=input.table,
+                findings=input.findings,
+                summary=input.summary,
+            ),
             left_out=LeftOut(excluded=params.excluded),
         )
 
@@ -83,6 +92,7 @@ if TIME_SERIES:
             FILES.checks([TIME_SERIES["trial"]]),
             series=f"<results>/fits/impedance/{TIME_SERIES['trial']}.zip",
             table="<results>/tables/impedance.csv",
+            findings=FILES.findings("impedance"),
         output:
             output="<results>/figures/fig4.csv",
         log:
@@ -99,7 +109,9 @@ if TIME_SERIES:
                 fig4,
                 output,
                 log,
-                inputs=dict(series=input.series, table=input.table),
+                inputs=dict(
+                    series=input.series, table=input.table, findings=input.findings
+                ),
                 arguments=dict(chosen=params.chosen),
                 left_out=LeftOut(excluded=params.excluded),
             )
@@ -109,6 +121,7 @@ rule fig7_numbers:
     """Measured frequency responses beside the desired one and the linear model."""
     input:
         table=f"<results>/tables/{FIGURES['fig7'].table}.csv",
+        findings=FILES.findings(FIGURES["fig7"].table),
         parameters=PARAMETERS,
     output:
         output="<results>/figures/fig7.csv",
@@ -124,7 +137,11 @@ rule fig7_numbers:
             fig7,
             output,
             log,
-            inputs=dict(table=input.table, parameters=input.parameters or None),
+            inputs=dict(
+                table=input.table,
+                findings=input.findings,
+                parameters=input.parameters or None,
+            ),
             arguments=dict(
                 weight=Weight(**params.weight),
                 choice=FrequencyResponseFigure(**params.choice) if params.choice else None,
@@ -137,6 +154,7 @@ rule walking_page_numbers:
     input:
         FILES.checks(PERTURBED),
         table="<results>/tables/walking.csv",
+        findings=FILES.findings("walking"),
         responses="<results>/tables/walking_responses.csv",
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.json",
@@ -163,6 +181,7 @@ rule walking_page_numbers:
                 unperturbed=input.unperturbed,
                 responses=input.responses,
                 table=input.table,
+                findings=input.findings,
             ),
             arguments=dict(settings=TimingSettings(**params.settings)),
             left_out=LeftOut(excluded=params.excluded),
@@ -247,7 +266,7 @@ rule report_page:
         figures=expand("<results>/figures/{figure}.svg", figure=FILES.figure_names),
         verdicts=QUALITY,
         excluded="<results>/tables/excluded.csv",
-        findings="<results>/tables/findings.csv",
+        findings="<results>/tables/findings.parquet",
         states="<results>/tables/settings.csv",
         summary="<results>/summary.json",
     output:

@@ -1,37 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of single trials -> tables over trials -> findings and headline numbers."""
+"""Rows of single trials -> findings -> tables over trials and headline numbers."""
 
 from osl_analysis.commands.fit import derive
 from osl_analysis.commands.gains import select_trajectory
 from osl_analysis.commands.tables import (
     check_claims,
     gather,
-    judge_campaign,
+    gather_findings,
+    judge_table,
     list_excluded,
     list_settings,
     write_paper_table,
     write_summary,
 )
-from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
 
 
-rule table:
-    """A table from the rows of single trials, with the doubts about each row."""
+rule findings:
+    """What is found on the fits, or groups, of one table, by their budgets, limits and checks."""
     input:
         lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
         rows=lambda wildcards: FILES.rows(wildcards.table),
-        fits=lambda wildcards: FILES.tables(DOUBTS_OF.get(wildcards.table, "")),
-        budget=lambda wildcards: FILES.budget_of(wildcards.table),
+        budget=lambda wildcards: FILES.budgets(wildcards.table),
     output:
-        output="<results>/tables/{table}.csv",
+        output="<results>/findings/_{table}.parquet",
     log:
-        "<logs>/tables/{table}.log",
+        "<logs>/findings/{table}.log",
     wildcard_constraints:
-        table=name_pattern(FILES.gathered_tables),
+        table=name_pattern(FILES.judged_tables),
     localrule: True
     params:
-        limits=lambda wildcards: limits(wildcards.table),
+        limits=lambda wildcards: as_json(CONFIG.doubtful.of(wildcards.table)),
         places=lambda wildcards: FILES.places_in(wildcards.table),
         excluded=lambda wildcards: excluded(FILES.places_in(wildcards.table)),
         faults=lambda wildcards: faults(FILES.places_in(wildcards.table)),
@@ -40,24 +40,93 @@ rule table:
         WITHOUT_EXCLUDED
     run:
         job(
-            gather,
+            judge_table,
             output,
             log,
-            inputs=dict(rows=input.rows, fits=input.fits, budget=input.budget),
+            inputs=dict(rows=input.rows, budget=input.budget),
             arguments=dict(
                 name=wildcards.table,
-                limits=Limits(**params.limits) if params.limits else None,
+                limits=Limits(**params.limits),
                 places=params.places,
                 faults=params.faults,
             ),
+            left_out=LeftOut(excluded=params.excluded, is_called_anyway=True),
+        )
+
+
+rule campaign_findings:
+    """The findings on all trials: as values, by which all that follows decides, and for people."""
+    input:
+        of_tables=FILES.findings(*FILES.judged_tables),
+        verdicts=QUALITY,
+        calibration=FILES.tables("calibration"),
+        fitted=FILES.fits_for_findings,
+    output:
+        findings="<results>/tables/findings.parquet",
+        view="<results>/tables/findings.csv",
+    log:
+        "<logs>/tables/findings.log",
+    localrule: True
+    params:
+        made_by=MADE_BY,
+    run:
+        job(
+            gather_findings,
+            output,
+            log,
+            inputs=dict(
+                of_tables=input.of_tables,
+                verdicts=input.verdicts,
+                calibration=input.calibration,
+            ),
+            arguments=dict(
+                data=CAMPAIGN.data,
+                findings=Path(output.findings),
+                view=Path(output.view),
+            ),
+            left_out=LeftOut(
+                argument="refused",
+                also_of=[Path(file) for file in input.fitted],
+                is_called_anyway=True,
+            ),
+        )
+
+
+rule table:
+    """A table from the rows of single trials, or of groups, with the doubts about each row."""
+    input:
+        lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
+        rows=lambda wildcards: FILES.rows(wildcards.table),
+        findings=lambda wildcards: FILES.findings(wildcards.table),
+    output:
+        output="<results>/tables/{table}.csv",
+    log:
+        "<logs>/tables/{table}.log",
+    wildcard_constraints:
+        table=name_pattern([*FILES.gathered_tables, GROUPS]),
+    localrule: True
+    params:
+        places=lambda wildcards: FILES.places_in(wildcards.table),
+        excluded=lambda wildcards: excluded(FILES.places_in(wildcards.table)),
+        made_by=MADE_BY,
+    message:
+        WITHOUT_EXCLUDED
+    run:
+        job(
+            gather,
+            output,
+            log,
+            inputs=dict(rows=input.rows, findings=input.findings),
+            arguments=dict(name=wildcards.table, places=params.places),
             left_out=LeftOut(excluded=params.excluded, argument="not_analysed"),
         )
 
 
 rule summary_table:
-    """A table that is computed from another one alone."""
+    """A table that is computed from another one alone, without its doubtful estimates."""
     input:
         table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table]}.csv",
+        findings=lambda wildcards: FILES.findings(DERIVED[wildcards.table]),
     output:
         output="<results>/tables/{table}.csv",
     log:
@@ -72,7 +141,7 @@ rule summary_table:
             derive,
             output,
             log,
-            inputs=dict(table=input.table),
+            inputs=dict(table=input.table, findings=input.findings),
             arguments=dict(name=wildcards.table),
         )
 
@@ -105,6 +174,7 @@ rule check_claims:
     input:
         tables=FILES.tables(*FILES.claimed_tables),
         claims=CONFIG.claims or [],
+        findings=FILES.findings(*FILES.claimed_tables),
     output:
         output="<results>/tables/claims.csv",
     log:
@@ -117,7 +187,9 @@ rule check_claims:
             check_claims,
             output,
             log,
-            inputs=dict(tables=by_name(input.tables), claims=input.claims),
+            inputs=dict(
+                tables=by_name(input.tables), claims=input.claims, findings=input.findings
+            ),
         )
 
 
@@ -171,51 +243,13 @@ rule excluded_trials:
         )
 
 
-rule findings:
-    """What was found on all trials, as values and in words."""
-    input:
-        FILES.checks(FILES.trials_for_findings),
-        tables=FILES.tables(*JUDGED_TABLES),
-        fits=FILES.fits_for_findings,
-        budget=FILES.tables("budget", "walking_budget"),
-        verdicts=QUALITY,
-    output:
-        output="<results>/tables/findings.csv",
-    log:
-        "<logs>/tables/findings.log",
-    localrule: True
-    params:
-        limits=as_json(CONFIG.doubtful),
-        places=PLACES,
-        excluded=lambda wildcards: excluded(FILES.trials_for_findings),
-        made_by=MADE_BY,
-    message:
-        WITHOUT_EXCLUDED
-    run:
-        job(
-            judge_campaign,
-            output,
-            log,
-            inputs=dict(
-                tables=by_name(input.tables),
-                fits=input.fits,
-                budget=input.budget,
-                verdicts=input.verdicts,
-            ),
-            arguments=dict(limits=DoubtfulFits(**params.limits), places=params.places),
-            left_out=LeftOut(
-                excluded=params.excluded, argument="refused", is_called_anyway=True
-            ),
-        )
-
-
 rule headline_numbers:
     """The numbers of the paper's text, for programs and for LaTeX."""
     input:
         table_paths=FILES.all_tables,
         trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
         excluded="<results>/tables/excluded.csv",
-        findings="<results>/tables/findings.csv",
+        findings="<results>/tables/findings.parquet",
         verdicts=QUALITY,
     output:
         summary_json="<results>/summary.json",
@@ -261,6 +295,7 @@ rule table_for_paper:
     """K, B and I of each condition or group of crossings, or the measured components."""
     input:
         tables=lambda wildcards: FILES.for_paper[wildcards.name],
+        findings=lambda wildcards: FILES.findings(*ON_PAPER[wildcards.name]),
         parameters=PARAMETERS,
     output:
         tex="<results>/tables/latex/{name}.tex",
@@ -279,7 +314,11 @@ rule table_for_paper:
             write_paper_table,
             output,
             log,
-            inputs=dict(tables=by_name(input.tables), parameters=input.parameters or None),
+            inputs=dict(
+                tables=by_name(input.tables),
+                findings=input.findings,
+                parameters=input.parameters or None,
+            ),
             arguments=dict(
                 about=params.about,
                 beside_draft=params.beside_draft,

@@ -15,8 +15,8 @@ from osl_analysis.commands.walking_summary import (
     SummaryFiles,
     SummaryOutputs,
     summarise_perturbations,
+    tabulate_groups,
 )
-from osl_analysis.judge.limits import Limits
 from osl_analysis.walking.walking_settings import (
     CalibrationSettings,
     CrossingSettings,
@@ -285,16 +285,15 @@ rule summarise_walking:
         timing="<results>/fits/timing.json",
         trajectory=TRAJECTORY,
     output:
-        summary="<results>/tables/walking_summary.csv",
+        summary="<results>/fits/walking_summary.csv",
         responses="<results>/tables/walking_responses.csv",
-        groups="<results>/tables/walking_groups.csv",
+        groups="<results>/fits/walking_groups.csv",
         budget="<results>/tables/walking_budget.csv",
     log:
         "<logs>/walking/summary.log",
     localrule: True
     params:
         settings=CONFIG.walking.part(TimingSettings),
-        limits=limits("walking_groups"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
         has_drivetrain=bool(CONFIG.parameters),
@@ -320,7 +319,6 @@ rule summarise_walking:
             ),
             arguments=dict(
                 settings=TimingSettings(**params.settings),
-                limits=Limits(**params.limits),
                 sheet=params.sheet,
                 places=params.places,
                 has_drivetrain=params.has_drivetrain,
@@ -333,4 +331,26 @@ rule summarise_walking:
                 ),
             ),
             left_out=LeftOut(excluded=params.excluded),
+        )
+
+
+rule walking_table:
+    """K, B, I of each group with the findings on it (Fig. 9)."""
+    input:
+        summary="<results>/fits/walking_summary.csv",
+        fits="<results>/tables/walking.csv",
+        findings=FILES.findings("walking", GROUPS),
+    output:
+        output="<results>/tables/walking_summary.csv",
+    log:
+        "<logs>/walking/table.log",
+    localrule: True
+    params:
+        made_by=MADE_BY,
+    run:
+        job(
+            tabulate_groups,
+            output,
+            log,
+            inputs=dict(summary=input.summary, fits=input.fits, findings=input.findings),
         )

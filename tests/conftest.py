@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Trial
 from osl_analysis.judge import judging
 from osl_analysis.judge.findings import Finding
+from osl_analysis.judge.joining import RowFindings, findings_of_rows, with_texts
 from osl_analysis.judge.limits import Limits
 
 sys.dont_write_bytecode = False
@@ -163,7 +165,17 @@ def half_width(row: dict[str, Any], name: str) -> float:
 def marked(table: pl.DataFrame, limits: Limits, name: str) -> pl.DataFrame:
     """A table with the names of the causes of doubt about its rows, and of what could not be
     checked."""
-    return judging.marked(table, judging.judged(table, limits, name), name)
+    return marked_by(judging.judged(table, limits, name), table, name)
+
+
+def marked_by(findings: RowFindings, table: pl.DataFrame, name: str) -> pl.DataFrame:
+    """A table with the texts of findings on its rows."""
+    return with_texts(table, findings_of_rows(table, chain(*findings)), name)
+
+
+def doubt(source: str, *estimates: str) -> dict[str, object]:
+    """A cell of the column `doubts`: a doubt about some estimates, or about all of the fit."""
+    return {"source": source, "estimates": list(estimates)}
 
 
 def findings_of(row: dict[str, object], limits: Limits, name: str) -> list[Finding]:

@@ -39,7 +39,7 @@ ANALYSED = "analysed"
 OUTCOME = {"status": pl.lit(ANALYSED), "reason": pl.lit(None, pl.String)}  # of what was analysed
 NOT_ANALYSED = "not analysed"
 NOT_ANALYSED_KEY = "not_analysed"  # of JSON, and of the metadata of a Parquet file
-SCHEMA = 3  # of names, units and types of columns; CONTRIBUTING.md says when it is raised
+SCHEMA = 4  # of names, units and types of columns; CONTRIBUTING.md says when it is raised
 SCHEMA_FIELD = "tables_schema"  # of `summary.json`
 
 
@@ -108,7 +108,8 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     path : Path or str
         CSV file, or an archive of several.
     required : Sequence of str
-        Columns that must exist and hold numbers, except those that the dictionary calls text.
+        Columns that must exist and hold numbers, or true and false, except those that the
+        dictionary calls text.
     name : str
         The table's name if `path` is an archive.
 
@@ -128,7 +129,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     usable = [
         column.name
         for column in table
-        if column.name in text_columns() or column.dtype.is_numeric()
+        if column.name in text_columns() or column.dtype.is_numeric() or column.dtype == pl.Boolean
     ]
     for name in required:
         if name not in usable:

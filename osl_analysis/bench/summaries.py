@@ -10,7 +10,8 @@ from osl_analysis.bench.budgets import half_width_of
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS, LOSSES
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import counted, summary_of_trials, summary_row
+from osl_analysis.stats.doubts import counted
+from osl_analysis.stats.repeats import summary_of_trials, summary_row
 
 PLACE = ("joint", "side")
 # half-widths of the interval of a trial that agrees with the mean
@@ -99,7 +100,8 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
 
 
 def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
-    """`compensation.csv` from the rows of `impedance.csv`, of estimates that are not doubtful.
+    """`compensation.csv` from the rows of `impedance.csv`, joined with their doubts, of estimates
+    that are not doubtful.
 
     A row over all pairs has the mean difference and the lowest and highest of them: conditions are
     chosen and no sample, so that no interval of their mean is known. A row of one pair has its own

@@ -18,7 +18,9 @@ from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES, TABLES_O
 from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.figures.drawing import FIGURES
 from osl_analysis.judge.claims import read_claims
+from osl_analysis.judge.joining import judged_as
 
+GROUPS = "walking_groups"  # table: a row per group of crossings
 # Experiments that measure the components of the drivetrain
 COMPONENT_EXPERIMENTS = ("actuator", "belt", "transmission")
 SUMMARIES = [f"{component}_summary" for component in COMPONENT_EXPERIMENTS]
@@ -33,6 +35,7 @@ FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figur
 FOR_READERS = (
     "tables/settings.csv",
     "tables/excluded.csv",
+    "tables/findings.parquet",
     "tables/findings.csv",
     "tables/quality.csv",
     "report.html",
@@ -82,9 +85,13 @@ class ResultFiles:
         return [f"{self.results}/fits/calibration/{static}.json" for static in statics]
 
     def rows(self, table: str, trials: Collection[str] | None = None) -> list[str]:
-        """The files with the rows of single trials behind a table; of these trials, or of all.
+        """The files with the rows of single trials behind a table, of these trials, or of all; of
+        groups of crossings the file with those of all groups.
 
         Those of an experiment's first table are CSV; all others stand in one archive."""
+        if table == GROUPS:
+            has_groups = bool(self.campaign.trials("walking"))
+            return [f"{self.results}/fits/{GROUPS}.csv"] if has_groups else []
         files = []
         for trial, row in self.campaign.rows.items():
             names = [other.name for other in EXPERIMENTS[row["experiment"]].tables]
@@ -147,31 +154,46 @@ class ResultFiles:
         made_of = {name: self.tables(*tables) for name, tables in ON_PAPER.items()}
         return {name: tables for name, tables in made_of.items() if tables}
 
-    def budget_of(self, table: str) -> list[str]:
-        """The table with the budgets of the estimates of a judged table, if its trials have any:
-        without, it would be lost where all trials with budgets are refused."""
-        names_of = [{each.name for each in facts.tables} for facts in EXPERIMENTS.values()]
-        has_budgets = any({table, "budget"} <= names for names in names_of)
-        return self.tables("budget") if has_budgets and table in JUDGED_TABLES else []
+    # Findings
+
+    @cached_property
+    def judged_tables(self) -> list[str]:
+        """The tables whose rows are judged, and that the campaign has."""
+        return [name for name in self.table_names if name in JUDGED_TABLES]
+
+    def findings(self, *tables: str) -> list[str]:
+        """The findings about the rows of some tables, also of those that share another one's.
+
+        Their names begin as no trial's does: a job takes the files of a refused trial out of all
+        its inputs by their names, and a trial may be called `belt`."""
+        judged = {judged_as(table) for table in tables}
+        names = [name for name in self.judged_tables if name in judged]
+        return [f"{self.results}/findings/_{name}.parquet" for name in names]
+
+    def budgets(self, table: str) -> list[str]:
+        """The files with the budgets of the estimates of a judged table, if its fits have any."""
+        if table == GROUPS:
+            return self.tables("walking_budget")
+        for facts in EXPERIMENTS.values():
+            names = [result.name for result in facts.tables]
+            if table in names and "budget" in names:
+                return self.rows("budget", self.places_in(table))
+        return []
 
     @cached_property
     def fits_for_findings(self) -> list[str]:
         """The fits of single trials that have columns for findings alone."""
         files = []
         for name, described in described_tables_by_name().items():
-            if described.of_fits:
+            if described.of_fits and name != GROUPS:
                 files += self.rows(name)
         return files
-
-    @property
-    def trials_for_findings(self) -> list[str]:
-        """The trials of these fits."""
-        return [Path(file).stem for file in self.fits_for_findings]
 
     def places_in(self, table: str) -> dict[str, dict[str, str]]:
         """Joint and side of the trials that have rows in a table."""
         trials = [Path(file).stem for file in self.rows(table)]
-        return {trial: self.campaign.places[trial] for trial in trials}
+        places = self.campaign.places
+        return {trial: places[trial] for trial in trials if trial in places}
 
     # Figures
 

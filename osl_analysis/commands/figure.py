@@ -34,6 +34,8 @@ from osl_analysis.figures.drawing import (
     plotted_columns,
     plotted_numbers,
 )
+from osl_analysis.judge.findings import read_findings
+from osl_analysis.judge.joining import joined
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     joint_of,
@@ -41,7 +43,7 @@ from osl_analysis.model.drivetrain import (
 )
 from osl_analysis.report.numbers import macro_name
 from osl_analysis.report.typography import in_markdown, prose_in_latex
-from osl_analysis.stats.repeats import DOUBTFUL
+from osl_analysis.stats.doubts import is_doubtful
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 
@@ -70,15 +72,18 @@ def plot_numbers(
     table: Path,
     option: Any = None,
     others: Sequence[Path] = (),
+    findings: Sequence[Path] = (),
 ) -> pl.DataFrame:
-    """What figure `name` plots, from the result table that it shows, and others beside it.
-    `option` is the value of the setting that the list of figures names; None: not set."""
-    shown = [read_table(path) for path in others]
+    """What figure `name` plots, from the result table that it shows, and others beside it, with the
+    `findings` on their rows. `option` is the value of the setting that the list of figures names;
+    None: not set."""
+    read = read_findings(findings)
+    shown = [joined(read_table(path), path.stem, read) for path in others]
     if option is not None:
         shown.append(option)
     described = described_tables_by_name()[FIGURES[name].table].columns
     needed = [column for column in plotted_columns(name) if column in described]
-    return plotted_numbers(name, read_table(table, needed), *shown)
+    return plotted_numbers(name, joined(read_table(table, needed), table.stem, read), *shown)
 
 
 def draw_figure(
@@ -234,17 +239,23 @@ def drawn_width_in(drawing: Path) -> float:
     return width_points / SVG_POINTS_PER_INCH
 
 
-def fig3(curves: Sequence[Path], table: Path, summary: Path) -> pl.DataFrame:
-    """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
+def fig3(
+    curves: Sequence[Path], table: Path, summary: Path, findings: Sequence[Path]
+) -> pl.DataFrame:
+    """The numbers of Fig. 3, from the trials' curves, `belt.csv` with the `findings` on its rows,
+    and `belt_summary.csv`."""
     drawn = read_tables(curves, "belt_curves")
-    judged = read_table(table, ["trial", *PLACE, "K_s", "doubtful"])
+    belts = read_table(table, ["trial", *PLACE, "K_s", "doubtful"])
+    judged = joined(belts, "belt", read_findings(findings))
     return plotted_numbers("fig3", drawn, judged, read_table(summary))
 
 
-def fig4(series: Path, table: Path, chosen: str) -> pl.DataFrame:
+def fig4(series: Path, table: Path, chosen: str, findings: Sequence[Path]) -> pl.DataFrame:
     """The numbers of Fig. 4: a part of the trial of these `series`, which are those of its reported
-    fit, and its row of `impedance.csv`; `chosen` says why it is this trial."""
-    of_trial = read_table(table).filter(pl.col("amplitude_deg").is_null(), trial=series.stem)
+    fit, and its row of `impedance.csv` with the `findings` on it; `chosen` says why it is this
+    trial."""
+    fits = joined(read_table(table), "impedance", read_findings(findings))
+    of_trial = fits.filter(pl.col("amplitude_deg").is_null(), trial=series.stem)
     samples = read_table(series, name="series").join(of_trial, how="cross")
     samples = samples.with_columns(chosen=pl.lit(chosen or None, pl.String))
     return plotted_numbers("fig4", samples)
@@ -255,11 +266,13 @@ def fig7(
     parameters: Path | None,
     choice: FrequencyResponseFigure | None,
     weight: Weight,
+    findings: Sequence[Path],
 ) -> pl.DataFrame:
     """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that
-    most trials have; the desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if
-    the gains are known and the parameter file is of this joint."""
-    responses = read_table(table)
+    most trials have, with the `findings` on their fits; the desired one (Eq. 11), if both are
+    known; and the linear model (Eq. 9), if the gains are known and the parameter file is of this
+    joint."""
+    responses = joined(read_table(table), "response", read_findings(findings))
     responses = responses.with_columns(look_numbers(responses["controller"]))
     if responses.is_empty():
         return pl.DataFrame(schema=plotted_columns("fig7"))
@@ -287,18 +300,20 @@ def plot_walking_page(
     unperturbed: Path,
     responses: Path,
     table: Path,
+    findings: Sequence[Path],
     settings: TimingSettings,
 ) -> pl.DataFrame:
     """The numbers that the walking page plots. `crossings` are the perturbed ones,
     `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`, `table`
-    `walking.csv`."""
+    `walking.csv`, with the `findings` on its rows."""
     from osl_analysis.figures.walking_page import walking_page_points
 
     isolated = read_table(
         responses, ["group", "trial", "time", "theta_deg", "torque", "torque_model"]
     )
-    doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
-    isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
+    fits = joined(read_table(table, ["trial"]), "walking", read_findings(findings))
+    doubts = fits.select("trial", "doubtful", is_doubtful=is_doubtful(fits))
+    isolated = isolated.join(doubts, on="trial", how="left", maintain_order="left")
     selected = selected_crossings(crossings, selection)
     gaits: Gaits = read_model(unperturbed, Gaits)
     frames = []

@@ -16,9 +16,10 @@ How a recording becomes a trial stands in `commands/trials.py`; how intervals an
 of what was weighed in `bench/budgets.py`, `stats/budget.py` and `judge/judging.py`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,9 @@ from osl_analysis.config.sheet import Asked
 from osl_analysis.dictionary.described import columns_of_trial
 from osl_analysis.ingest.guard import check_own_torque, check_recording
 from osl_analysis.ingest.quality import Commanded, measure_quality, saturated
-from osl_analysis.judge.judging import judged, marked
+from osl_analysis.judge.findings import read_findings
+from osl_analysis.judge.joining import findings_of_rows, joined, with_texts
+from osl_analysis.judge.judging import judged
 from osl_analysis.judge.recording_checks import (
     judged_table,
     measured_table,
@@ -328,10 +331,11 @@ def fit_calibration_trial(
     return FitTables(tables, samples_of(analysis), record.streams)
 
 
-def derive(table: Path, name: str) -> pl.DataFrame:
+def derive(table: Path, name: str, findings: Sequence[Path] = ()) -> pl.DataFrame:
     """A table that is computed from another one alone: of controllers beside each other, the delay
-    of the bench, or the summary of a part of the drivetrain over its trials."""
-    rows = read_table(table)
+    of the bench, or the summary of a part of the drivetrain over its trials. Estimates that are
+    doubtful by the `findings` on the rows are in no mean."""
+    rows = joined(read_table(table), table.stem, read_findings(findings))
     if name == "compensation":
         return compensation_table(rows)
     if name.endswith("delay"):
@@ -419,12 +423,13 @@ def fit_trial(
     table = tables.estimates[name]
     budget = tables.estimates.get("budget")
     findings = judged(table, config.doubtful.of(name), name, budget=budget)
+    about_rows = findings_of_rows(table, chain(*findings))
     curves = (table for name, table in tables.estimates.items() if name.endswith("_curves"))
     of_model = tables.samples.filter(pl.col("torque_model").is_finite())
     series = of_model.select(pl.col("time") - pl.col("time").first(), "torque", "torque_model")
     return Fit(
         experiment=experiment,
-        table=marked(table, findings, name),
+        table=with_texts(table, about_rows, name),
         series=series,
         curves=next(curves, None),
         estimate_findings=findings,

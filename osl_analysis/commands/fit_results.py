@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from html import escape
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,11 +20,12 @@ from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.figures.drawing import completed, drawn
-from osl_analysis.judge.campaign import failed_checks
+from osl_analysis.judge.campaign import QUALITY, failed_checks
 from osl_analysis.judge.findings import Finding
+from osl_analysis.judge.joining import findings_of_rows
 from osl_analysis.judge.judging import budgets_of_rows
 from osl_analysis.judge.rules import Grade
-from osl_analysis.judge.wording import finding_text
+from osl_analysis.judge.wording import finding_text, verdict_texts
 from osl_analysis.stats.budget import IN_INTERVAL, Budget
 from osl_analysis.stats.rounding import (
     decimal_places,
@@ -154,14 +156,22 @@ def estimates_text(
     verdict, and the doubts about each row."""
     lines = []
     rows = estimates.to_dicts()
-    of_rows = zip(rows, budgets_of_rows(rows, budget), findings or [()] * len(rows), strict=True)
-    for row, budgets, of_row in of_rows:
+    of_fits = [each for each in chain(*findings) if each.table != QUALITY]
+    verdicts_of_rows = map(verdict_texts, findings_of_rows(estimates, of_fits))
+    of_rows = zip(
+        rows,
+        budgets_of_rows(rows, budget),
+        findings or [()] * len(rows),
+        verdicts_of_rows,
+        strict=True,
+    )
+    for row, budgets, of_row, verdicts in of_rows:
         quality = f"VAF {written(row['VAF'], unit='%')} %" if "VAF" in row else "no VAF"
         lines.append(f"{row['trial']}, {fitted_motion(row)}: {quality}")
         for name in estimated(row):
             line = estimate_line(row, name)
             parts = parts_text(budgets[name]) if name in budgets else ""
-            verdict = row.get(f"{name}_verdict") or ""
+            verdict = verdicts[name] if f"{name}_verdict" in row else ""
             lines.append(": ".join(filter(None, [line, verdict, parts])))
         for finding in of_row:
             if finding.grade in (Grade.EXCLUDES, Grade.DOUBTS):

@@ -25,6 +25,7 @@ from osl_analysis.commands.tables import read_summary_file
 from osl_analysis.figures.drawing import caption_of, figure_title
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.findings import read_findings
+from osl_analysis.judge.joining import read_joined
 from osl_analysis.judge.recording_checks import BY_JOB
 from osl_analysis.report import methods
 from osl_analysis.report.numbers import headline_sentences, macro_name, numbers_in_summary
@@ -81,17 +82,18 @@ def write_report(
     tables, figures : Mapping of str to Path
         Result tables and SVG files, by name.
     verdicts, excluded, findings, states, summary : Path
-        `quality.csv`, `excluded.csv`, `findings.csv`, `settings.csv` and `summary.json`.
+        `quality.csv`, `excluded.csv`, `findings.parquet`, `settings.csv` and `summary.json`.
     output : Path
     refused : Sequence of NotAnalysed
         What is missing, which these files tell.
     left_out : str
         Tells recordings that are not analysed.
     """
-    results = read_by_name({**tables, "quality": verdicts})
+    all_findings = read_findings([findings])
+    results = read_joined({**tables, "quality": verdicts}, all_findings)
     content = read_summary_file(summary)
     missing = left_out_trials(read_table(excluded))
-    findings_of = findings_by_trial(read_findings(findings))
+    findings_of = findings_by_trial(all_findings)
     rows_of = {name: rows_by_trial(table) for name, table in results.items()}
     views = []
     for trial, row in sheet.items():

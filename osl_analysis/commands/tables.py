@@ -25,23 +25,24 @@ from osl_analysis.base.table import (
     read_table,
     read_tables,
     with_places,
+    write_table,
 )
 from osl_analysis.base.yaml_settings import FilesByName
 from osl_analysis.campaign.campaign_trials import code, digest_of, trace
 from osl_analysis.campaign.origin import sentence
-from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.dictionary.described import described_tables, described_tables_by_name
 from osl_analysis.judge.campaign import (
     campaign_findings,
     causes_in_campaign,
     findings_in_summary,
-    judged_together,
+    table_findings,
 )
 from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.claims import claims_table, read_claims
-from osl_analysis.judge.findings import findings_frame, read_findings
-from osl_analysis.judge.judging import marked, with_doubts_of
-from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.findings import findings_table, read_findings, view_of
+from osl_analysis.judge.joining import findings_of_rows, judged_as, read_joined, with_texts
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
     CROSSING,
@@ -85,11 +86,8 @@ from osl_analysis.walking.groups import LEFT_OUT
 def gather(
     rows: Sequence[Path],
     name: str,
-    limits: Limits | None = None,
-    fits: Sequence[Path] = (),
+    findings: Sequence[Path] = (),
     places: Places | None = None,
-    faults: Mapping[str, str] | None = None,
-    budget: Sequence[Path] = (),
     not_analysed: Sequence[NotAnalysed] = (),
 ) -> pl.DataFrame:
     """One table from the tables of single trials, in the order given.
@@ -99,26 +97,17 @@ def gather(
     rows : Sequence of Path
         Their files, or the archives with a table of this name.
     name : str
-    limits : Limits or None
-        By which doubtful fits are marked; None: the table is not judged.
-    fits : Sequence of Path
-        The table of the same trials whose doubts the rows share, if there is one.
+    findings : Sequence of Path
+        The findings about the rows; none of a table that is not judged.
     places : Places or None
         Joint and side of each trial.
-    faults : Mapping of str to str or None
-        By trial, the finding of a failed check, which names the cause of a doubt.
-    budget : Sequence of Path
-        `budget.csv`, if the campaign has one.
     not_analysed : Sequence of NotAnalysed
         Trials that have a row each without estimates, in the table of their fits.
     """
     table = with_places(read_tables(rows, name), places)
-    if limits is not None:
-        contributions = read_tables(budget) if budget else None
-        findings = judged_together(table, limits, name, faults, contributions)
-        table = marked(table, findings, name)
-    for path in fits:
-        table = with_doubts_of(table, read_table(path))
+    if judged_as(name) in JUDGED_TABLES:
+        of_rows = findings_of_rows(table, read_findings(findings), name)
+        table = with_texts(table, of_rows, name)
     table = table.drop(unpublished(table, name), strict=False)
     if "status" in table.columns:
         without = rows_of_reasons(by_trial(not_analysed), NOT_ANALYSED)
@@ -141,9 +130,10 @@ def list_settings(states: Sequence[Mapping[str, Any]]) -> pl.DataFrame:
     return pl.DataFrame(states, schema=columns)
 
 
-def check_claims(tables: FilesByName, claims: Path) -> pl.DataFrame:
-    """The claims of a file beside the result `tables`, `claims.csv`."""
-    return claims_table(read_by_name(tables), read_claims(claims))
+def check_claims(tables: FilesByName, claims: Path, findings: Sequence[Path] = ()) -> pl.DataFrame:
+    """The claims of a file beside the result `tables`, whose doubtful estimates do not count, by
+    their `findings`: `claims.csv`."""
+    return claims_table(read_joined(tables, read_findings(findings)), read_claims(claims))
 
 
 def judge(
@@ -162,57 +152,74 @@ def judge(
     return with_places(table, places)
 
 
-def judge_campaign(
-    tables: FilesByName,
-    verdicts: Path,
-    limits: DoubtfulFits,
-    fits: Sequence[Path] = (),
+def judge_table(
+    name: str,
+    limits: Limits,
+    rows: Sequence[Path] = (),
     budget: Sequence[Path] = (),
-    refused: Sequence[NotAnalysed] = (),
+    faults: Mapping[str, str] | None = None,
     places: Places | None = None,
+    refused: Sequence[NotAnalysed] = (),
 ) -> pl.DataFrame:
-    """The findings on all trials, as values and in words, `findings.csv`.
+    """The findings on the fits, or groups of crossings, that are the rows of one table:
+    `findings/NAME.parquet`.
 
     Parameters
     ----------
-    tables : Mapping of str to Path
-        Result tables by name.
-    verdicts : Path
-        `quality.csv`.
-    limits : DoubtfulFits
-        Accuracy and limits of the configuration.
-    fits : Sequence of Path
-        Tables of single trials, for columns that only findings read.
+    name : str
+    limits : Limits
+        Accuracy and limits of the configuration on this table.
+    rows : Sequence of Path
+        The files with its rows.
     budget : Sequence of Path
-        `budget.csv`, if the campaign has one.
-    refused : Sequence of NotAnalysed
-        Of these tables. What else was flagged of such a recording may follow from why it was
-        refused, as a slow clock does from a wrong unit.
+        Those with the budgets of their estimates.
+    faults : Mapping of str to str or None
+        By trial, the finding of a failed check, which names the cause of a doubt.
     places : Places or None
         Joint and side of each trial.
+    refused : Sequence of NotAnalysed
+        Trials that were refused, on which there are no findings.
     """
-    fits_by_table: dict[str, list[Path]] = {}
-    for fit in fits:
-        fits_by_table.setdefault(fit.parent.name, []).append(fit)
-    tables_by_name = {}
-    for name, path in tables.items():
-        of_fits = fits_by_table.get(name, ())
-        tables_by_name[name] = with_columns_of_fits(read_table(path), name, of_fits)
+    if not rows:
+        return findings_table([])
+    table = with_places(read_tables(rows, name), places)
+    contributions = read_tables(budget, "budget") if budget else None
+    return findings_table(table_findings(table, limits, name, faults, contributions))
+
+
+def gather_findings(
+    of_tables: Sequence[Path],
+    verdicts: Path,
+    findings: Path,
+    view: Path,
+    calibration: Sequence[Path] = (),
+    refused: Sequence[NotAnalysed] = (),
+    data: str = "",
+) -> None:
+    """Write the findings of the campaign: those of its tables, and the failed checks of recordings.
+
+    Parameters
+    ----------
+    of_tables : Sequence of Path
+        What `judge_table` wrote.
+    verdicts : Path
+        `quality.csv`.
+    findings, view : Path
+        `findings.parquet`, which decides, and `findings.csv`, which people read.
+    calibration : Sequence of Path
+        `calibration.csv`, if the campaign has recorded a known spring or inertia.
+    refused : Sequence of NotAnalysed
+        Refused fits. What else was flagged of such a recording may follow from why it was refused,
+        as a slow clock does from a wrong unit.
+    data : str
+        Whether the recordings are simulated or measured.
+    """
     of_refused = pl.col("trial").is_in(list(by_trial(refused)))
     used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
-    contributions = read_tables(budget) if budget else None
-    findings = campaign_findings(tables_by_name, used, limits, contributions)
-    return with_places(findings_frame(findings), places)
-
-
-def with_columns_of_fits(table: pl.DataFrame, name: str, fits: Sequence[Path]) -> pl.DataFrame:
-    """A result table with the columns of its fits that it has not published."""
-    if not fits:
-        return table
-    keys = [key for key in ("trial", "amplitude_deg") if key in table.columns]
-    beside = read_tables(fits).select(*keys, *described_tables_by_name()[name].of_fits)
-    beside = beside.cast({key: table.schema[key] for key in keys})
-    return table.join(beside, on=keys, how="left", nulls_equal=True, maintain_order="left")
+    told = campaign_findings(read_findings(of_tables), used, is_calibrated=bool(calibration))
+    table = findings_table(told)
+    write_table(table, findings)
+    write_table(view_of(table), view, data)
 
 
 def rows_of_reasons(reasons: Mapping[str, str], check: str) -> pl.DataFrame:
@@ -291,7 +298,7 @@ def write_summary(
     sheet : Mapping of str to Mapping
         The row of every trial of the sample sheet, also of those that it excludes.
     excluded, verdicts, findings : Path
-        `excluded.csv`, `quality.csv` and `findings.csv`.
+        `excluded.csv`, `quality.csv` and `findings.parquet`.
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
     settings : Mapping of str to str
@@ -305,9 +312,9 @@ def write_summary(
     refused : Sequence of NotAnalysed
         The causes of missing tables.
     """
-    tables = read_by_name(table_paths)
+    all_findings = read_findings([findings])
+    tables = read_joined(table_paths, all_findings)
     numbers = list(headline_numbers(tables, beside_draft))
-    all_findings = read_findings(findings)
     left_out = left_out_trials(read_table(excluded))
     of_files = [cause.reason.partition(": ") for cause in refused if not cause.trial]
     verdict_count, results_of_clear = verdict_counts(sheet, all_findings, left_out)
@@ -338,12 +345,14 @@ def write_paper_table(
     beside_draft: bool,
     tex: Path,
     markdown: Path,
+    findings: Sequence[Path] = (),
 ) -> None:
     """Write a table for a paper: the budgets in `budget.csv`; else K, B and I of each condition in
     `impedance.csv`, of each group in
     `walking_summary.csv`, or else the components in summaries of the bench and in the parameter
-    file, with the draft's values if `beside_draft`."""
-    read = read_by_name(tables)
+    file, with the draft's values if `beside_draft`. Doubtful estimates, by the `findings` on the
+    rows, are marked and in no mean."""
+    read = read_joined(tables, read_findings(findings))
     note = DAGGER
     if "budget" in read:
         note = WIDTHS

@@ -34,7 +34,7 @@ from osl_analysis.base.trial import (
     write_trial,
 )
 from osl_analysis.dictionary.described import columns_of_trial
-from osl_analysis.judge.judging import WHY_NO_FIT
+from osl_analysis.judge.joining import WHY_NO_FIT
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.crossing import Crossing, analyse_crossing

@@ -24,10 +24,13 @@ from osl_analysis.config.impedance_trajectory import (
     read_impedance_trajectory,
 )
 from osl_analysis.config.sheet import JOINT
-from osl_analysis.judge.judging import WHY_NO_FIT, judged, judged_estimates, marked
-from osl_analysis.judge.limits import Limits
-from osl_analysis.stats.budget import CLEAR, WIDE
-from osl_analysis.stats.repeats import DOUBTFUL, concerns
+from osl_analysis.dictionary.described import described_tables_by_name
+from osl_analysis.judge.findings import read_findings
+from osl_analysis.judge.joining import GROUP_DOUBTS, WHY_NO_FIT, WIDE_ESTIMATES, joined
+from osl_analysis.judge.known_findings import known_finding
+from osl_analysis.judge.wording import doubts_text
+from osl_analysis.stats.budget import CLEAR, QUANTITIES, WIDE
+from osl_analysis.stats.doubts import Doubt, doubts_about, is_doubtful
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.groups import SEPARATOR
@@ -36,8 +39,9 @@ from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.tables import (
-    PREDICTED,
+    MEAN_OF_PERTURBATIONS,
     GroupHeadline,
+    budget_name,
     conditions_of,
     group_headline,
     result_columns,
@@ -65,7 +69,7 @@ class SummaryOutputs:
 
     summary: Path  # the mean over perturbations, and the ensemble fit
     responses: Path  # in their window
-    groups: Path  # the conditions of each group
+    groups: Path  # conditions and estimates of each group
     budget: Path  # what contributes to the uncertainty of each estimate
     data: str = ""  # whether the recordings are simulated or measured
 
@@ -105,20 +109,18 @@ class GroupResult:
 def summarise_perturbations(
     files: SummaryFiles,
     settings: choices.TimingSettings,
-    limits: Limits,
     sheet: Mapping[str, Mapping[str, Any]],
     places: Places,
     has_drivetrain: bool,
     outputs: SummaryOutputs,
 ) -> None:
-    """Summarise the perturbations of each group.
+    """Summarise the perturbations of each group. What is found on the groups is joined to these
+    tables later (`tabulate_groups`).
 
     Parameters
     ----------
     files : SummaryFiles
     settings : TimingSettings
-    limits : Limits
-        Beyond which a group is doubtful.
     sheet : Mapping
         Cells of the sample sheet of each crossing.
     places : Places
@@ -150,9 +152,6 @@ def summarise_perturbations(
         result_tables.response_table(group, headline) for group, headline in headlines.items()
     )
     group_rows = [dict(result.row) for result in results.values()]
-    groups = pl.DataFrame(group_rows, infer_schema_length=None)
-    doubts = judged(groups, limits, "walking_groups", budget=budget)
-    groups = marked(groups, doubts, "walking_groups")
 
     trajectory = commanded_trajectory(files.trajectory, outputs.data)
     summary_rows = []
@@ -162,12 +161,9 @@ def summarise_perturbations(
         cells = sheet[trials[0]] if trials else {}
         summary_rows += with_commanded(result, cells, trajectory)
         places_by_group[group] = {"joint": JOINT, "side": common_side(trials, places)}
-    predicted = {
-        group: verdicts_of_predicted(headline, limits) for group, headline in headlines.items()
-    }
     tables = {
-        outputs.summary: with_verdicts(summary_rows, groups, predicted),
-        outputs.groups: groups,
+        outputs.summary: pl.DataFrame(summary_rows, infer_schema_length=None),
+        outputs.groups: pl.DataFrame(group_rows, infer_schema_length=None),
         outputs.responses: responses,
         outputs.budget: budget,
     }
@@ -228,32 +224,47 @@ def common_side(trials: Sequence[str], places: Places) -> str | None:
     return sides.pop() if len(sides) == 1 else None
 
 
-def verdicts_of_predicted(headline: GroupHeadline, limits: Limits) -> dict[str, str]:
-    """By quantity, the verdict on the fit minus predicted gait."""
-    estimates = judged_estimates("walking_groups", headline.predicted.budgets, limits)
-    return {estimate.symbol: estimate.verdict.name for estimate in estimates}
+def tabulate_groups(summary: Path, fits: Path, findings: Sequence[Path]) -> pl.DataFrame:
+    """`walking_summary.csv`: the estimates of each group with the findings on the group, and how
+    many fits to single perturbations are doubtful.
 
-
-def with_verdicts(
-    rows: Sequence[dict[str, Any]],
-    groups: pl.DataFrame,
-    own_verdicts: Mapping[str, Mapping[str, str]],
-) -> pl.DataFrame:
-    """The rows of a summary with the verdict on each estimate of its group, and why it is doubtful;
-    one about VAF concerns all. A doubt of the group is one of each estimator, but the fit minus
-    predicted gait has a width, and `own_verdicts` by group and quantity; the mean has none."""
-    group_of = {row["group"]: row for row in groups.to_dicts()}
+    Parameters
+    ----------
+    summary : Path
+        What `summarise_perturbations` wrote.
+    fits : Path
+        `walking.csv`.
+    findings : Sequence of Path
+        Those on groups and on single perturbations.
+    """
+    read = read_findings(findings)
+    of_groups = joined(read_table(summary), "walking_summary", read)
+    single = joined(read_table(fits), "walking", read).filter(pl.col(WHY_NO_FIT).is_null())
+    marked = single.with_columns(n_doubtful=is_doubtful(single))
+    counts = marked.group_by("group").agg(pl.col("n_doubtful").sum().cast(pl.Int64))
+    rows = of_groups.join(counts, on="group", how="left", maintain_order="left").to_dicts()
     for row in rows:
-        of_group = group_of[row["group"]]
-        quantity = row["quantity"]
-        verdict = of_group.get(f"{quantity}_verdict")
-        if verdict in (CLEAR, WIDE) and row["estimator"] != ENSEMBLE:
-            own = own_verdicts[row["group"]] if row["estimator"] == PREDICTED else {}
-            verdict = own.get(quantity)
-        row["verdict"] = verdict
-        doubts = of_group[DOUBTFUL]
-        row["group_doubtful"] = doubts if concerns(doubts, [quantity]) else None
-    return pl.DataFrame(rows, infer_schema_length=None)
+        if row["estimator"] != MEAN_OF_PERTURBATIONS:
+            row["n_doubtful"] = None
+        doubts = doubts_about(row[GROUP_DOUBTS], [row["quantity"]])
+        row["group_doubtful"] = doubts_text(doubts) or None
+        row["verdict"] = estimate_verdict(row, doubts)
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    described = described_tables_by_name()["walking_summary"].columns
+    return table.select(name for name in described if name in table.columns)
+
+
+def estimate_verdict(row: Mapping[str, Any], doubts: Sequence[Doubt]) -> str | None:
+    """The verdict on an estimate of a group in words; None of a VAF, which has none, of a mean over
+    perturbations, which has no interval, unless it is doubtful, and without a result."""
+    if row["quantity"] not in QUANTITIES or row["mean"] is None:
+        return None
+    if doubts:
+        return known_finding(doubts[0]["source"]).title
+    if row["estimator"] == MEAN_OF_PERTURBATIONS:
+        return None
+    is_wide = budget_name(row["quantity"], row["estimator"]) in row[WIDE_ESTIMATES]
+    return WIDE if is_wide else CLEAR
 
 
 def crossings_in_groups(selection: Path, fits: pl.DataFrame) -> pl.DataFrame:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The list of figures: the numbers of each, its caption, and its drawing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +14,7 @@ from osl_analysis.base.errors import InputError
 from osl_analysis.base.files import own_yaml
 from osl_analysis.dictionary.described import TYPES, described_in
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.stats.doubts import is_doubtful
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure
@@ -94,7 +95,21 @@ def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFram
     points: pl.DataFrame = module.points(table, *others) if hasattr(module, "points") else table
     if "look" in columns and "look" not in points.columns:
         points = points.with_columns(look_numbers(points["controller"]))
-    return completed(name, points)
+    return completed(name, with_doubt_marks(points, columns))
+
+
+IS_DOUBTFUL = "is_doubtful"  # column of plotted numbers: whether the fit of a row is doubtful
+
+
+def with_doubt_marks(points: pl.DataFrame, columns: Collection[str]) -> pl.DataFrame:
+    """Points with those columns of a figure that say whether a fit is doubtful, `is_doubtful`, or
+    an estimate of it, as `K_is_doubtful`, by the doubts that are joined to each row."""
+    for column in columns:
+        if column.endswith(IS_DOUBTFUL) and column not in points.columns:
+            estimate = column.removesuffix(IS_DOUBTFUL).removesuffix("_")
+            marks = is_doubtful(points, [estimate] if estimate else ())
+            points = points.with_columns(marks.alias(column))
+    return points
 
 
 def completed(name: str, points: pl.DataFrame) -> pl.DataFrame:

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.figures import style
+from osl_analysis.stats.doubts import is_doubtful
 from osl_analysis.stats.rounding import written
 
 DASHES = {"loading": "-", "unloading": "--"}
@@ -42,7 +43,7 @@ def points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> 
     curves
         `belt_curve` of each trial.
     table
-        `belt.csv`, of which place and doubts are taken.
+        `belt.csv` with its doubts, of which place and doubts are taken.
     summary
         Its summary.
 
@@ -53,7 +54,9 @@ def points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> 
         doubtful the mean slope of all; with the shift of each trial's loop in (b) [N*m]; and why a
         fit is doubtful.
     """
-    of_trials = table.select("trial", *PLACE, "doubtful", slope="K_s")
+    of_trials = table.select(
+        "trial", *PLACE, "doubtful", slope="K_s", is_doubtful=is_doubtful(table)
+    )
     of_belts = summary.filter(quantity="K_s").select(
         *PLACE, K_s="mean", K_s_low="low", K_s_high="high"
     )

@@ -11,7 +11,6 @@ from matplotlib.lines import Line2D
 
 from osl_analysis.base.trial import Array
 from osl_analysis.figures import style
-from osl_analysis.stats.repeats import counted
 from osl_analysis.stats.rounding import written
 
 NOMINAL_DIGITS = 2  # significant digits of an amplitude in the legend: measured ones scatter by 1 %
@@ -85,7 +84,7 @@ def unexplained(rows: pl.DataFrame) -> Array:
 
 def draw_median(ax: Axes, rows: pl.DataFrame, place: int) -> str:
     """The median of the fits that are not doubtful, and its text as in `summary.json`."""
-    used = counted(rows)
+    used = rows.remove(pl.col("is_doubtful"))
     if used.is_empty():
         return "all doubtful"
     median = np.median(used["VAF"])

@@ -17,6 +17,7 @@ from osl_analysis.figures import style
 from osl_analysis.figures.drawing import DESIRED, LINEAR_MODEL, OBSERVED
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import DrivetrainParameters, dynamic_stiffness
+from osl_analysis.stats.doubts import is_doubtful
 
 LABEL_ROOM = 0.08  # of the width of a single panel, for a label of a frequency
 FAITHFUL_PERCENT = 10  # largest |Z - Z_d|, of |Z_d|, of a faithful impedance
@@ -63,7 +64,8 @@ def points(
             if gains is not None:
                 rendered = partial(dynamic_stiffness, K_1=gains.K_1, B_1=gains.B_1, p=p)
                 curves.append(modelled(rows, LINEAR_MODEL, rendered))
-    return pl.concat(curves, how="diagonal_relaxed")
+    points = pl.concat(curves, how="diagonal_relaxed")
+    return points.with_columns(pl.col("is_doubtful").fill_null(False))
 
 
 def modelled(measured: pl.DataFrame, curve: str, stiffness: Callable[[Any], Any]) -> pl.DataFrame:
@@ -91,14 +93,16 @@ def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
     of_whole = pl.col("phase_deg").filter(scope="all").first().over(keys)
     apart = (pl.col("phase_deg") - of_whole + 180) % 360 - 180
     response = response.with_columns(phase_deg=of_whole + apart)
+    response = response.with_columns(is_doubtful=is_doubtful(response))
     whole = response.filter(scope="all")
     single = response.filter(scope="amplitude")
-    doubts = pl.col("doubtful").filter(pl.col("doubtful") != "")
+    doubts = pl.col("doubtful").filter("is_doubtful")
     quantities = pl.col("magnitude", "phase_deg", "Z_error")
     ranges = single.group_by(keys).agg(
         quantities.min().name.suffix("_range_low"),
         quantities.max().name.suffix("_range_high"),
-        doubts=doubts.unique(maintain_order=True).str.join("; "),
+        doubts_of_amplitudes=doubts.unique(maintain_order=True).str.join("; ").replace("", None),
+        is_any_doubtful=pl.col("is_doubtful").any(),
     )
     joined = whole.join(ranges, on=keys, how="left", maintain_order="left")
     # Z moves along its direction as its magnitude, across it as its phase
@@ -107,10 +111,11 @@ def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
     across = (pl.col("phase_deg_high") - pl.col("phase_deg_low")).radians() / 2
     half = 100 * size * (along.pow(2) + across.pow(2)).sqrt()
     return joined.with_columns(
-        doubtful=pl.coalesce("doubts", "doubtful"),
+        doubtful=pl.coalesce("doubts_of_amplitudes", "doubtful"),
+        is_doubtful=pl.col("is_doubtful") | pl.col("is_any_doubtful").fill_null(False),
         Z_error_low=(pl.col("Z_error") - half).clip(0),
         Z_error_high=pl.col("Z_error") + half,
-    ).drop("doubts")
+    ).drop("doubts_of_amplitudes", "is_any_doubtful")
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

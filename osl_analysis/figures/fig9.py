@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 
 from osl_analysis.figures import style
 from osl_analysis.stats.budget import QUANTITIES
+from osl_analysis.stats.doubts import is_doubtful
 from osl_analysis.walking.impedance_fit import ENSEMBLE
 
 MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`
@@ -71,14 +72,18 @@ def points(
         estimates = estimates.with_columns(commanded=pl.coalesce("commanded", of_configuration))
 
     is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
-    fits = walking.with_columns(group, estimator=pl.lit(PERTURBATION)).filter(is_fitted)
+    marked = walking.with_columns(
+        group, estimator=pl.lit(PERTURBATION), is_doubtful=is_doubtful(walking)
+    )
+    fits = marked.filter(is_fitted)
     perturbations = fits.join(estimates, on="group", how="semi").unpivot(
         QUANTITIES,
-        index=["group", "estimator", "trial", "doubtful"],
+        index=["group", "estimator", "trial", "doubtful", "is_doubtful"],
         variable_name="quantity",
         value_name="mean",
     )
-    return pl.concat([estimates, perturbations], how="diagonal_relaxed")
+    points = pl.concat([estimates, perturbations], how="diagonal_relaxed")
+    return points.with_columns(pl.col("is_doubtful").fill_null(False))
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

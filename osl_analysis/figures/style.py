@@ -6,7 +6,7 @@ logarithmic axes. All other sizes and widths stand in `style.mplstyle`."""
 
 import textwrap
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -36,7 +36,7 @@ from matplotlib.ticker import (
 from numpy.typing import ArrayLike
 
 from osl_analysis.base.trial import Array
-from osl_analysis.stats.repeats import is_doubtful
+from osl_analysis.figures.drawing import IS_DOUBTFUL
 
 # Widths of a figure [in], a tenth of a point (1/72.27 in) below those of IEEEtran, so that TeX does
 # not call the box overfull.
@@ -201,8 +201,9 @@ SWARM_ROWS = 24  # markers of a swarm that have room one above the other
 
 
 def has_doubtful(table: pl.DataFrame) -> bool:
-    """Whether a fit of a table is doubtful."""
-    return bool(is_doubtful(table).any())
+    """Whether a fit of plotted numbers is doubtful, or an estimate of it."""
+    marks = [column for column in table.columns if column.endswith(IS_DOUBTFUL)]
+    return any(table[column].cast(pl.Boolean).any() for column in marks)
 
 
 def place_in_report(trial: str) -> str:
@@ -216,8 +217,8 @@ def draw_fits(
     x: ArrayLike,
     y: ArrayLike,
     look: Look,
-    names: Collection[str] = (),
     areas: ArrayLike = 1.0,
+    doubt: str = IS_DOUBTFUL,
 ) -> None:
     """Draw a marker for each fit, before bars and lines, which leads to its trial.
 
@@ -225,16 +226,17 @@ def draw_fits(
     ----------
     ax : Axes
     rows : DataFrame
-        A row per fit, with `trial` and `doubtful`; the marker of a doubtful one is open.
+        A row per fit, with `trial`, and the column `doubt`.
     x, y : (n,)
         Places of the markers, in units of the axes.
     look : Look
-    names : Collection of str
-        Estimates whose doubts open a marker; by default those of any do.
     areas : (n,)
         Of the markers, of that of the style.
+    doubt : str
+        Column that says whether the fit, or the estimate that is drawn, is doubtful: its marker is
+        then open.
     """
-    faces = [WHITE if doubtful else look.colour for doubtful in is_doubtful(rows, names)]
+    faces = [WHITE if is_doubtful else look.colour for is_doubtful in rows[doubt]]
     drawn = ax.scatter(
         x,
         y,
@@ -250,12 +252,15 @@ def draw_fits(
 
 def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> None:
     """Draw the column `y` over `x` as `draw_fits`, before thin bars for the range over single
-    motion and thick ones for the 95 % interval, where these are known."""
+    motion and thick ones for the 95 % interval, where these are known. A marker is open where the
+    estimate is doubtful, by the column `y_is_doubtful`, or else where its fit is."""
     for ending, label, width in BARS:
         ends = [f"{y}{ending}_low", f"{y}{ending}_high"]
         known = rows.drop_nulls(ends)
         ax.vlines(known[x], *known.select(ends), color=look.colour, linewidth=width, label=label)
-    draw_fits(ax, rows, rows[x], rows[y], look, [y])
+    of_estimate = f"{y}_{IS_DOUBTFUL}"
+    doubt = of_estimate if of_estimate in rows.columns else IS_DOUBTFUL
+    draw_fits(ax, rows, rows[x], rows[y], look, doubt=doubt)
 
 
 def draw_zero_lines(ax: Axes) -> None:

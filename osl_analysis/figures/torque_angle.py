@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.figures import style
+from osl_analysis.stats.doubts import is_doubtful
 
 WIDTHS = {"loading": 1.0, "unloading": 0.5}  # of curves [pt]
 DESIRED_LINE: Any = {"color": style.MAGENTA, "linestyle": "--", "label": "Desired"}
@@ -16,7 +17,7 @@ MOST_CURVES = 16  # curves in the legend; of more, none is named
 
 def points(curves: pl.DataFrame, trials: pl.DataFrame) -> pl.DataFrame:
     """The curves, with the doubts of their trials."""
-    doubts = trials.select("trial", "doubtful")
+    doubts = trials.select("trial", "doubtful", is_doubtful=is_doubtful(trials))
     return curves.join(doubts, on="trial", how="left", maintain_order="left")
 
 

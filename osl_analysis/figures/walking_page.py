@@ -31,13 +31,13 @@ def walking_page_points(
 ) -> pl.DataFrame:
     """Points of the walking page.
 
-    Gaits over stance [%] with their SD; responses over time [ms], with the column `doubtful`, and
-    their mean with its fit; window and baseline as times from the onset [ms].
+    Gaits over stance [%] with their SD; responses over time [ms], with their doubts, and their mean
+    with its fit; window and baseline as times from the onset [ms].
 
     Parameters
     ----------
     responses : DataFrame
-        `walking_responses.csv`.
+        `walking_responses.csv`, with `doubtful` and `is_doubtful` of the fits.
     """
     frames = []
     for name, gait in gaits.items():
@@ -52,11 +52,12 @@ def walking_page_points(
             ends = {"panel": panel, "curve": name, "x": 1000 * np.array(ends_s)}
             frames.append(pl.DataFrame(ends))
         of_panel = responses.with_columns(x=1000 * pl.col("time"), panel=pl.lit(panel))
-        shown = ["panel", "trial", "doubtful", "x"]
+        shown = ["panel", "trial", "doubtful", "is_doubtful", "x"]
         frames.append(of_panel.select(*shown, curve=curve, mean=column))
     fit = of_panel.filter(trial=ENSEMBLE).drop_nulls("torque_model")
     frames.append(fit.select(*shown, curve=pl.lit("fit"), mean="torque_model"))
-    return pl.concat(frames, how="diagonal")
+    points = pl.concat(frames, how="diagonal")
+    return points.with_columns(pl.col("is_doubtful").fill_null(False))
 
 
 def gait_points(panel: str, name: str, curves: Array) -> pl.DataFrame:

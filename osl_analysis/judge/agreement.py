@@ -18,7 +18,8 @@ from osl_analysis.base.trial import Array
 from osl_analysis.base.units import factors_near
 from osl_analysis.judge.findings import Finding
 from osl_analysis.judge.rules import K_UNLIKE_SHEET, Beyond, Grade
-from osl_analysis.stats.budget import CLEAR, WIDE, own_size
+from osl_analysis.stats.budget import own_size
+from osl_analysis.stats.doubts import DOUBTS, doubts_about
 from osl_analysis.stats.rounding import places_of, significant, to_places
 
 FitRow = Mapping[str, Any]  # of `impedance.csv`, of the fit to all of a trial
@@ -44,7 +45,7 @@ def disagreements(rows: Iterable[FitRow], needed: Mapping[str, float]) -> list[F
     Parameters
     ----------
     rows : Iterable of Row
-        One per trial, with K, B, I, the ends of their intervals, and the verdicts on them.
+        One per trial, with K, B, I, the ends of their intervals, and its `DOUBTS`.
     needed : Mapping of str to float
         The change of K, B and I that matters, as a share of itself.
 
@@ -135,7 +136,7 @@ def differing_repeats(
         scatters = [np.std(values, ddof=1) / size for _, values, size in conditions]
         usual = max(needed, MOST_SCATTERS * float(np.median(scatters)))
     for rows, values, size in conditions:
-        are_doubtful = np.array([row[f"{symbol}_verdict"] not in (CLEAR, WIDE) for row in rows])
+        are_doubtful = np.array([bool(doubts_about(row[DOUBTS], [symbol])) for row in rows])
         shares = np.where(are_doubtful & ~are_doubtful.all(), needed, usual)
         if len(rows) == 2:
             shares = np.maximum(shares, MOST_DEVIATIONS * of_arm.get(rows[0]["trial"], 0.0))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The findings on all trials of a campaign, `findings.csv`, and what a reader must know of them:
-causes with their trials, in the same words at the end of a run, by `results` and on the page."""
+"""The findings on all trials of a campaign, and what a reader must know of them: causes with their
+trials, in the same words at the end of a run, by `results` and on the page."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,24 +10,23 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.base.errors import listing
-from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.judge.agreement import disagreements
 from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.findings import Finding, fit_of
-from osl_analysis.judge.judging import WHY_NO_FIT, RowFindings, judged, marked
+from osl_analysis.judge.joining import WHY_NO_FIT, with_findings
+from osl_analysis.judge.judging import judged
 from osl_analysis.judge.known_findings import FINDINGS, known_finding
-from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
     CROSSING,
     HOW_TO_USE,
     REFUSED,
     exclusion_text,
-    spoiled_trials,
 )
 from osl_analysis.judge.rules import Beyond, Grade
 from osl_analysis.judge.wording import sentence_of, worded
-from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
 
 MOST_NAMED = 3  # number of trials that a line names
@@ -36,69 +35,55 @@ SHOWN_BY_SPRING = ("late_torque", "wrong_gain", "fixture_inertia")
 
 
 def campaign_findings(
-    tables: Mapping[str, pl.DataFrame],
-    verdicts: pl.DataFrame,
-    limits: DoubtfulFits,
-    budget: pl.DataFrame | None = None,
+    of_tables: Sequence[Finding], verdicts: pl.DataFrame, is_calibrated: bool = False
 ) -> list[Finding]:
-    """Judge all trials of a campaign.
+    """All findings of a campaign.
 
     Parameters
     ----------
-    tables : Mapping of str to polars.DataFrame
-        Result tables by name, with their evidence.
+    of_tables : Sequence of Finding
+        Those on the rows of its tables (`table_findings`).
     verdicts : polars.DataFrame
         `quality.csv`.
-    limits : DoubtfulFits
-        Accuracy and limits of the configuration.
-    budget : polars.DataFrame, optional
-        `budget.csv`.
+    is_calibrated : bool
+        Whether the campaign has recorded a known spring or inertia.
 
     Returns
     -------
     list of Finding
-        Without those that rows share with another table of the same trials, which has them, and
-        without failed checks of what the fit to the recording tells.
-
-    Raises
-    ------
-    InputError
-        A limit stands on a column that its table does not have.
+        Failed checks of recordings, without those of what the fit to the recording tells, and those
+        of the tables.
     """
-    of_fits: list[Finding] = []
-    faults = spoiled_trials(verdicts)
-    fits = {name: table for name, table in tables.items() if name in JUDGED_TABLES}
-    for name, table in fits.items():
-        of_fits += chain(*judged_together(table, limits.of(name), name, faults, budget))
-    if len(tables.get("calibration", ())):
-        of_fits = [with_its_calibration(finding) for finding in of_fits]
-    doubts = [finding for finding in of_fits if finding.grade is Grade.DOUBTS]
+    doubts = [finding for finding in of_tables if finding.grade is Grade.DOUBTS]
     told = {fact_of(doubt) for doubt in doubts if not doubt.is_of_part}
-    return [*(each for each in failed_checks(verdicts) if fact_of(each) not in told), *of_fits]
+    of_recordings = [each for each in failed_checks(verdicts) if fact_of(each) not in told]
+    if is_calibrated:
+        return [*of_recordings, *map(with_its_calibration, of_tables)]
+    return [*of_recordings, *of_tables]
 
 
-def judged_together(
+def table_findings(
     table: pl.DataFrame,
     limits: Limits,
     name: str,
     faults: Mapping[str, str] | None = None,
     budget: pl.DataFrame | None = None,
-) -> RowFindings:
-    """Judge each row of a table over trials: what `judged` finds, and, of trials of impedance, that
-    they do not agree with others."""
-    findings = judged(table, limits, name, faults, budget)
+) -> list[Finding]:
+    """The findings on all rows of a table over trials: what `judged` finds of each, and, of trials
+    of impedance, that they do not agree with others."""
+    of_rows = judged(table, limits, name, faults, budget)
     if name != "impedance":
-        return findings
-    rows = marked(table, findings, name).to_dicts()
-    place_of = {
-        row["trial"]: place
-        for place, row in enumerate(rows)
+        return list(chain(*of_rows))
+    whole_trials = {
+        row["trial"]: row
+        for row in with_findings(table, of_rows).to_dicts()
         if row.get("amplitude_deg") is None and row.get(WHY_NO_FIT) is None
     }
-    of_trials = [rows[place] for place in place_of.values()]
-    for finding in disagreements(of_trials, limits.accuracy.model_dump()):
-        place = place_of[finding.subject]
-        findings[place].append(worded(finding, rows[place]))
+    findings = list(chain(*of_rows))
+    for finding in disagreements(whole_trials.values(), limits.accuracy.model_dump()):
+        row = whole_trials[finding.subject]
+        placed = replace(finding, joint=row.get("joint"), side=row.get("side"))
+        findings.append(worded(placed, row))
     return findings
 
 
@@ -125,7 +110,16 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[Finding]:
         size = f"{significant(row['value'], 3)} {row['unit']}"
         if row["remark"]:
             size = f"{size} ({row['remark']})"
-        finding = Finding(check.source, QUALITY, row["trial"], grade, (evidence,), size=size)
+        finding = Finding(
+            source=check.source,
+            table=QUALITY,
+            subject=row["trial"],
+            joint=row.get("joint"),
+            side=row.get("side"),
+            grade=grade,
+            evidence=(evidence,),
+            size=size,
+        )
         yield worded(finding, row)
 
 
@@ -232,17 +226,15 @@ def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
 
 
 def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, tuple[str, int]]:
-    """The tables of a campaign with the column `DOUBTFUL` by name, in the order of the experiments:
-    what was judged, such as `impedance trials`, and how many trials or groups."""
+    """The tables of a campaign that are judged, by name, in the order of the experiments: what was
+    judged, such as `impedance trials`, and how many trials or groups."""
     judged = {}
     for facts in EXPERIMENTS.values():
         kinds = {table.name: " trials" for table in facts.tables if table.judged}
         for name, kind in {**kinds, **dict.fromkeys(facts.judged_further, "")}.items():
-            rows = tables.get(name, pl.DataFrame())
-            if DOUBTFUL in rows.columns:
-                subjects = {
-                    fit_of(row)[0] for row in rows.to_dicts() if row.get(WHY_NO_FIT) is None
-                }
+            if name in tables:
+                rows = tables[name].to_dicts()
+                subjects = {fit_of(row)[0] for row in rows if row.get(WHY_NO_FIT) is None}
                 judged[name] = (name.replace("_", " ") + kind, len(subjects))
     return judged
 
@@ -257,7 +249,7 @@ def causes_in_campaign(
     Parameters
     ----------
     findings : Sequence of Finding
-        Those of `findings.csv`.
+        Those of the campaign (`campaign_findings`).
     tables : Mapping of str to polars.DataFrame
         Result tables by name, which give the numbers of trials.
     verdicts : polars.DataFrame

@@ -25,7 +25,8 @@ from osl_analysis.base.yaml_settings import (
 )
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
-from osl_analysis.stats.repeats import RANGE, counted
+from osl_analysis.stats.doubts import counted
+from osl_analysis.stats.repeats import RANGE
 
 NOT_TESTED = "not tested"
 
@@ -94,7 +95,7 @@ def claims_table(tables: Mapping[str, pl.DataFrame], claims: Mapping[str, Claim]
     Parameters
     ----------
     tables
-        The campaign's result tables, by name.
+        The campaign's result tables, by name, with the doubts about their rows.
     claims
         By name.
 

@@ -1,16 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A judgement on a trial or a fit as a value. Tables, summary, page and tests are views of it."""
+"""A finding on a trial or a fit as a value, and the table of findings, which decides.
 
-from collections.abc import Iterable
+Each finding is made once (`judge/judging.py`, `judge/agreement.py`) and stored as Parquet. Whatever
+later asks whether an estimate is doubtful joins that table by its columns (`judge/joining.py`).
+`findings.csv` and all texts are views for people.
+"""
+
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
-from osl_analysis.base.table import not_analysed, read_table
-from osl_analysis.dictionary.described import described_tables_by_name, table_of
+from osl_analysis.base.table import not_analysed
 from osl_analysis.judge.known_findings import Texts, known_finding
 from osl_analysis.judge.rules import AnyRow, Beyond, Grade, cell_number
+
+WIDE_INTERVAL = "wide_interval"  # source of a remark: an interval is wider than is needed
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,8 @@ class Finding:
         That of the row; None: all.
     estimates
         Those that it is about; none: all of the fit.
+    joint, side
+        Of the trial, as the sheet states them.
     says, size, remedy
         What is wrong and what it does to the results; how large it is in this row, empty if not
         known; and what to do, empty for nothing. `worded` fills in what is empty.
@@ -53,6 +62,8 @@ class Finding:
     evidence: tuple[Beyond, ...] = ()
     amplitude_deg: float | None = None
     estimates: tuple[str, ...] = ()
+    joint: str | None = None
+    side: str | None = None
     says: Texts = ""
     size: str = ""
     remedy: Texts = ""
@@ -78,49 +89,105 @@ class Finding:
         return self.amplitude_deg is not None
 
 
-def findings_frame(findings: Iterable[Finding]) -> pl.DataFrame:
-    """`findings.csv`: a row per number of evidence; rows of one finding share the number
-    `finding`."""
-    rows = []
-    columns = described_tables_by_name()["findings"].columns
+# The table of findings
+
+GRADES = pl.Enum([grade.value for grade in Grade])
+COLUMNS: Mapping[str, Any] = {
+    "finding": pl.Int64,  # its number; a finding has a row for each of its numbers, or one
+    "table": pl.String,
+    "trial": pl.String,  # or group of crossings
+    "joint": pl.String,
+    "side": pl.String,
+    "amplitude_deg": pl.Float64,  # null: all of the trial
+    "source": pl.String,
+    "grade": GRADES,
+    "estimates": pl.List(pl.String),  # that it concerns; empty: all of the fit
+    "evidence": pl.String,  # the column, or the check, whose number is beyond its limit
+    "value": pl.Float64,
+    "limit": pl.Float64,
+    "probability": pl.Float64,  # of a fault that a budget weighs
+    "cause": pl.String,  # the title of its source, and three sentences, for people
+    "says": pl.String,
+    "size": pl.String,
+    "remedy": pl.String,
+}
+"""The columns of `findings.parquet` with their types. `dictionary/campaign.yaml` explains them."""
+
+
+def findings_table(findings: Iterable[Finding]) -> pl.DataFrame:
+    """Findings as a table of `COLUMNS`, a row per number of evidence."""
+    rows: list[dict[str, Any]] = []
     for number, finding in enumerate(findings, start=1):
         shared = {
-            **vars(finding),
+            "finding": number,
+            "table": finding.table,
             "trial": finding.subject,
-            "name": finding.source,
+            "joint": finding.joint,
+            "side": finding.side,
+            "amplitude_deg": finding.amplitude_deg,
+            "source": finding.source,
+            "grade": finding.grade.value,
+            "estimates": list(finding.estimates),
             "cause": finding.cause,
-            "evidence": None,
+            "says": str(finding.says) or None,
+            "size": finding.size or None,
+            "remedy": str(finding.remedy) or None,
         }
-        numbers = [{**vars(beyond), "evidence": beyond.column} for beyond in finding.evidence]
-        for of_number in numbers or [{}]:
-            row = {**shared, **of_number, "finding": number}
-            rows.append({name: row.get(name) for name in columns})
-    table = table_of(rows, "findings").drop("joint", "side", "data", strict=False)
-    return table.with_columns(pl.col("says", "size", "remedy").replace("", None))
+        for beyond in finding.evidence:
+            of_number = {
+                "evidence": beyond.column,
+                "value": beyond.value,
+                "limit": beyond.limit,
+                "probability": beyond.probability,
+            }
+            rows.append({**shared, **of_number})
+        if not finding.evidence:
+            rows.append(shared)
+    return pl.DataFrame(rows, schema=COLUMNS)
 
 
-def read_findings(path: Path) -> list[Finding]:
-    """The findings of `findings.csv`; none where it was refused or is not there."""
-    if not path.is_file() or not_analysed(path):
-        return []
+def findings_in(table: pl.DataFrame) -> list[Finding]:
+    """The findings of a table of `COLUMNS`."""
     findings = []
-    for rows in read_table(path, ["finding"]).partition_by("finding"):
-        numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit")
+    for rows in table.partition_by("finding", maintain_order=True):
         row = rows.row(0, named=True)
+        evidence = rows.drop_nulls("evidence")
+        numbers = evidence.select("evidence", "value", "limit", "probability").rows()
         findings.append(
             Finding(
-                source=row["name"],
+                source=row["source"],
                 table=row["table"],
                 subject=row["trial"],
+                joint=row["joint"],
+                side=row["side"],
                 grade=Grade(row["grade"]),
-                evidence=tuple(Beyond(*cells) for cells in numbers.rows()),
+                evidence=tuple(
+                    Beyond(column, value, limit, probability=probability)
+                    for column, value, limit, probability in numbers
+                ),
                 amplitude_deg=row["amplitude_deg"],
+                estimates=tuple(row["estimates"]),
                 says=row["says"] or "",
                 size=row["size"] or "",
                 remedy=row["remedy"] or "",
             )
         )
     return findings
+
+
+def read_findings(paths: Iterable[Path]) -> list[Finding]:
+    """The findings in some Parquet files, in their order; none of one that was refused."""
+    findings = []
+    for path in paths:
+        if not not_analysed(path):
+            findings += findings_in(pl.read_parquet(path))
+    return findings
+
+
+def view_of(table: pl.DataFrame) -> pl.DataFrame:
+    """A table of findings as CSV can hold it, for people: with the estimates in one text."""
+    estimates = pl.col("estimates").list.join(", ").replace("", None)
+    return table.with_columns(estimates, pl.col("grade").cast(pl.String))
 
 
 def fit_of(row: AnyRow) -> tuple[str, float | None]:

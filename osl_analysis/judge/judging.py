@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Findings about the rows of result tables, from the budgets of their estimates, from the rules and
-the configured limits, and the tables with them."""
+"""The findings about the rows of a table of fits: from the budgets of their estimates, from the
+rules and from the configured limits."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import described_tables_by_name
-from osl_analysis.judge.findings import Finding, fit_of
+from osl_analysis.judge.findings import WIDE_INTERVAL, Finding, fit_of
+from osl_analysis.judge.joining import WHY_NO_FIT, RowFindings
 from osl_analysis.judge.known_findings import FINDINGS, KnownFinding, known_finding
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.rules import (
@@ -26,7 +28,6 @@ from osl_analysis.judge.rules import (
 )
 from osl_analysis.judge.wording import worded
 from osl_analysis.stats.budget import (
-    CLEAR,
     DOUBT,
     IN_INTERVAL,
     QUANTITIES,
@@ -38,17 +39,10 @@ from osl_analysis.stats.budget import (
     budgets_in,
     own_size,
 )
-from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
 from osl_analysis.stats.sources import Source
 
-WHY_NO_FIT = "reason"  # column: why a row has no fit; null in rows with a fit
-BETWEEN = "; "  # titles of findings in a cell
 UNEXPLAINED = Source.UNEXPLAINED_TORQUE
-WIDE_INTERVAL = "wide_interval"
-
-
-RowFindings = list[list[Finding]]  # for each row of a table
 
 
 @dataclass(frozen=True)
@@ -116,8 +110,9 @@ def judged(
             findings.append([])
             continue
         estimates = judged_estimates(name, budgets, limits)
+        predicted = predicted_estimates(name, budgets, limits)
         fault = FINDINGS.get((faults or {}).get(str(row.get("trial")), ""))
-        findings.append(findings_of_row(name, row, estimates, rules, fault))
+        findings.append(findings_of_row(name, row, estimates, predicted, rules, fault))
     return findings
 
 
@@ -149,14 +144,33 @@ def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) 
     return found
 
 
+def predicted_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) -> list[Judged]:
+    """The estimates of a group of crossings less predicted gait, `K_predicted` and the like, with
+    their verdicts; none of other tables."""
+    described = described_tables_by_name()[table].of_fits
+    accuracy = limits.accuracy.model_dump()
+    estimates = []
+    for symbol in QUANTITIES:
+        name = f"{symbol}_predicted"
+        if name in budgets and name in described:
+            budget = budgets[name]
+            needed = accuracy[symbol] * own_size(symbol, budget.value)
+            verdict = budget.verdict(needed)
+            unit = described[name].unit
+            estimates.append(Judged(symbol, name, name, unit, budget, verdict, needed, budget))
+    return estimates
+
+
 def findings_of_row(
     table: str,
     row: AnyRow,
     estimates: Sequence[Judged],
+    predicted: Sequence[Judged],
     rules: Sequence[Rule],
     fault: KnownFinding | None,
 ) -> list[Finding]:
-    """What a row is doubted for, what is worth knowing of it, and what could not be checked."""
+    """What a row is doubted for, what is worth knowing of it, and what could not be checked; of its
+    `predicted` estimates whether their intervals are wide."""
     numbers = numbers_beyond(row, [rule for rule in rules if isinstance(rule, NumberRule)])
     are_weighed = any(e.budget.of_source(UNEXPLAINED) for e in estimates)
     for column, number in list(numbers.items()):
@@ -166,7 +180,7 @@ def findings_of_row(
 
     if fault:
         estimates = [of_spoiled(estimate, fault) for estimate in estimates]
-    found = [*doubts_of(estimates), *of_numbers(numbers), *properties_of(estimates)]
+    found = [*doubts_of(estimates), *of_numbers(numbers), *properties_of(estimates, predicted)]
     names = {finding.source for finding in found}
     found = [
         finding
@@ -183,10 +197,14 @@ def findings_of_row(
     found.sort(key=lambda each: not known_finding(each.source).spoils_estimates)
     found.sort(key=lambda each: (order.index(each.grade), each.source == UNEXPLAINED))
     subject, amplitude_deg = fit_of(row)
-    return [
-        worded(replace(each, table=table, subject=subject, amplitude_deg=amplitude_deg), row)
-        for each in found
-    ]
+    of_fit: dict[str, Any] = {
+        "table": table,
+        "subject": subject,
+        "joint": row.get("joint"),
+        "side": row.get("side"),
+        "amplitude_deg": amplitude_deg,
+    }
+    return [worded(replace(each, **of_fit), row) for each in found]
 
 
 def of_spoiled(estimate: Judged, fault: KnownFinding) -> Judged:
@@ -226,7 +244,9 @@ def evidence_of(estimate: Judged, name: str) -> Beyond:
     size, limit = verdict.size, verdict.limit
     if size <= limit:
         size, limit = estimate.budget.half_width(), estimate.needed
-    return Beyond(estimate.name, size, limit, "above", name)
+    weighed = [row.probability for row in verdict.rows if row.basis == "weighed"]
+    probability = sum(weighed) if weighed else None  # models that are weighed exclude each other
+    return Beyond(estimate.name, size, limit, "above", name, probability=probability)
 
 
 def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
@@ -279,9 +299,9 @@ def of_numbers(numbers: Numbers) -> list[Finding]:
     return found
 
 
-def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
+def properties_of(estimates: Sequence[Judged], predicted: Sequence[Judged] = ()) -> list[Finding]:
     """Remarks: properties of the device that change an estimate by more than is needed, and
-    intervals that are wider."""
+    intervals that are wider, of `predicted` estimates too."""
     remarks: dict[str, dict[Beyond, str]] = {}  # by source the sizes in words
     for estimate in estimates:
         sizes: dict[str, tuple[float, str]] = {}
@@ -300,6 +320,12 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
             if half > estimate.needed and not estimate.verdict.rows:
                 beyond = Beyond(name, half, estimate.needed, "above", WIDE_INTERVAL)
                 remarks.setdefault(WIDE_INTERVAL, {})[beyond] = estimate.width(name, budget)
+    for estimate in predicted:
+        if estimate.verdict.name == WIDE:
+            half = estimate.budget.half_width()
+            beyond = Beyond(estimate.name, half, estimate.needed, "above", WIDE_INTERVAL)
+            text = estimate.width(estimate.name, estimate.budget)
+            remarks.setdefault(WIDE_INTERVAL, {})[beyond] = text
     return [
         of_estimates(source, Grade.NOTES, list(texts), ", ".join(texts.values()))
         for source, texts in remarks.items()
@@ -323,80 +349,3 @@ def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
         Finding(source, grade=Grade.UNCHECKED, size=", ".join(texts))
         for source, texts in sizes.items()
     ]
-
-
-def short_list(findings: Sequence[Finding], are_doubts: bool) -> str | None:
-    """The doubts about a row in one cell, or what else was found; None without any. It says which
-    estimates a doubt or a wide interval is of where a budget tells it, and what could not be
-    checked."""
-    texts = []
-    for finding in findings:
-        is_doubt = finding.grade is Grade.DOUBTS
-        about = ""
-        if is_doubt or finding.source == WIDE_INTERVAL:
-            about = ", ".join(finding.estimates)
-        elif finding.grade is Grade.UNCHECKED:
-            about = finding.grade
-        if is_doubt == are_doubts:
-            texts.append(": ".join(filter(None, [about, finding.cause])))
-    return BETWEEN.join(dict.fromkeys(texts)) or None
-
-
-def verdicts_of(findings: Sequence[Finding]) -> dict[str, str]:
-    """The verdict on K, B and I of a row by its findings."""
-    verdicts = dict.fromkeys(QUANTITIES, CLEAR)
-    for finding in reversed(findings):
-        concerned = finding.estimates or QUANTITIES
-        if finding.grade is Grade.DOUBTS:
-            verdicts.update(dict.fromkeys(concerned, finding.cause))
-        elif finding.source == WIDE_INTERVAL:
-            verdicts.update(dict.fromkeys(concerned, WIDE))
-    return verdicts
-
-
-def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:
-    """The table `name` with the column `DOUBTFUL`, the causes of doubt about each row (null: none),
-    and, if the table has them, with a verdict on K, B and I, and with `remarks`, which also says
-    what could not be checked.
-
-    A row of a single amplitude has the doubts about the fit to all of its trial, too: a clipped or
-    late torque concerns everything from the same samples."""
-    described = described_tables_by_name()[name].columns
-    fits = [fit_of(row) for row in table.to_dicts()]
-    of_wholes: dict[str, list[Finding]] = {}
-    for (trial, amplitude_deg), of_row in zip(fits, findings, strict=True):
-        if amplitude_deg is None:
-            of_wholes[trial] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
-    marks = []
-    for (trial, amplitude_deg), of_row in zip(fits, findings, strict=True):
-        of_whole = of_wholes.get(trial, []) if amplitude_deg is not None else []
-        found = [*of_row, *of_whole]
-        verdicts = {f"{symbol}_verdict": text for symbol, text in verdicts_of(found).items()}
-        doubts = short_list(found, True)
-        marks.append({DOUBTFUL: doubts, **verdicts, "remarks": short_list(found, False)})
-    verdicts_on = [f"{symbol}_verdict" for symbol in QUANTITIES]
-    columns = [each for each in (*verdicts_on, "remarks") if each in described]
-    marking = pl.DataFrame(marks, schema=dict.fromkeys([DOUBTFUL, *columns], pl.String))
-    return table.with_columns(marking.get_columns())
-
-
-def results_in(remarks: str | None) -> list[str]:
-    """Those findings in a cell of the column `remarks` that are properties of the device."""
-    titles = (remarks or "").split(BETWEEN)
-    return [kind.title for kind in FINDINGS.values() if kind.is_result and kind.title in titles]
-
-
-def wide_in(remarks: str | None) -> list[str]:
-    """The estimates whose intervals are wider than is needed, by a cell of the column `remarks`."""
-    for text in (remarks or "").split(BETWEEN):
-        names, _, title = text.partition(": ")
-        if title == known_finding(WIDE_INTERVAL).title:
-            return names.split(", ")
-    return []
-
-
-def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
-    """Rows of other numbers from the same samples, with the doubts about the fit to their trial and
-    amplitude."""
-    fit = ["trial", "amplitude_deg"]
-    return table.join(fits.select(*fit, DOUBTFUL), on=fit, how="left", nulls_equal=True)

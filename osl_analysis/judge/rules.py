@@ -861,6 +861,7 @@ class Beyond:
     finding: str = ""  # the source that it is evidence of
     unit: str = ""  # the factor between units that it may be, in words
     rule: NumberRule | None = field(default=None, compare=False)  # with the words for it
+    probability: float | None = None  # of a fault that a budget weighs
 
     @property
     def excess(self) -> float:

@@ -7,14 +7,16 @@ reads what is written here.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from string import Formatter
 from typing import Any
 
-from osl_analysis.judge.findings import Finding
+from osl_analysis.judge.findings import WIDE_INTERVAL, Finding
 from osl_analysis.judge.known_findings import Texts, known_finding
 from osl_analysis.judge.rules import AnyRow, Beyond, Grade
+from osl_analysis.stats.budget import CLEAR, QUANTITIES, WIDE
+from osl_analysis.stats.doubts import Doubt
 from osl_analysis.stats.rounding import significant
 
 
@@ -115,3 +117,40 @@ def filled(texts: Texts, cells: Mapping[str, Any]) -> str:
         if names <= cells.keys():
             return text.format(**cells)
     return ""
+
+
+# Cells of tables
+
+BETWEEN = "; "  # findings in a cell
+
+
+def cell_text(findings: Iterable[Finding]) -> str | None:
+    """Findings in one cell, as `K, B: torque path; not checked: fixture`; None without any."""
+    texts = []
+    for finding in findings:
+        about = ""
+        if finding.grade is Grade.DOUBTS or finding.source == WIDE_INTERVAL:
+            about = ", ".join(finding.estimates)
+        elif finding.grade is Grade.UNCHECKED:
+            about = finding.grade
+        texts.append(": ".join(filter(None, [about, finding.cause])))
+    return BETWEEN.join(dict.fromkeys(texts)) or None
+
+
+def verdict_texts(findings: Sequence[Finding]) -> dict[str, str]:
+    """The verdicts on K, B and I in words: clear, wide, or the cause of the first doubt."""
+    verdicts = dict.fromkeys(QUANTITIES, CLEAR)
+    for symbol in QUANTITIES:
+        about = [each for each in findings if not each.estimates or symbol in each.estimates]
+        doubts = [each for each in about if each.grade is Grade.DOUBTS]
+        if doubts:
+            verdicts[symbol] = doubts[0].cause
+        elif any(each.source == WIDE_INTERVAL for each in about):
+            verdicts[symbol] = WIDE
+    return verdicts
+
+
+def doubts_text(doubts: Iterable[Doubt]) -> str:
+    """Doubts that were joined to a row, as in its cell; empty without any."""
+    findings = [Finding(doubt["source"], estimates=tuple(doubt["estimates"])) for doubt in doubts]
+    return cell_text(findings) or ""

@@ -17,14 +17,11 @@ from osl_analysis.base.files import own_yaml
 from osl_analysis.base.table import SCHEMA, SCHEMA_FIELD
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
+from osl_analysis.judge.joining import GROUP_DOUBTS
+from osl_analysis.judge.wording import doubts_text
 from osl_analysis.report.typography import template
-from osl_analysis.stats.repeats import (
-    OWN_CONDITION,
-    RANGE,
-    counted,
-    is_doubtful,
-    summary_row,
-)
+from osl_analysis.stats.doubts import counted, doubts_about, is_doubtful
+from osl_analysis.stats.repeats import OWN_CONDITION, RANGE, summary_row
 from osl_analysis.stats.rounding import decimal_places, plus_minus, to_places
 
 OF_CONDITION = (*PLACE, "excitation")  # by which conditions are told apart, too
@@ -144,7 +141,7 @@ def headline_numbers(
     Parameters
     ----------
     tables : Mapping of str to polars.DataFrame
-        Result tables by name.
+        Result tables by name, with the findings on their rows (`judge.joining.read_joined`).
     beside_draft : bool
         Whether the values of the paper's draft stand beside them.
     """
@@ -235,7 +232,7 @@ def number_of(
         symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),
-        doubtful=first.get("group_doubtful") or "",
+        doubtful=doubts_text(doubts_about(first.get(GROUP_DOUBTS), [first.get("quantity", "")])),
         table=entry.table,
         trials=trials_in(used) or trials,
     )

@@ -18,13 +18,15 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
 from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.judge.findings import Finding
+from osl_analysis.judge.joining import WIDE_ESTIMATES
 from osl_analysis.judge.judging import budgets_of_rows
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.judge.rules import Grade
 from osl_analysis.report.paper_tables import stated_text
 from osl_analysis.report.typography import printed, template
 from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
-from osl_analysis.stats.budget import IN_INTERVAL
+from osl_analysis.stats.budget import CLEAR, IN_INTERVAL, QUANTITIES, WIDE
+from osl_analysis.stats.doubts import DOUBTS, doubts_about
 from osl_analysis.stats.rounding import estimate_text
 
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
@@ -143,7 +145,7 @@ def trial_view(
     row : Mapping
         Its row of the sample sheet.
     tables : Mapping of str to polars.DataFrame
-        Its rows of each result table, and of `quality.csv`.
+        Its rows of each result table, with the findings on them, and of `quality.csv`.
     findings : Sequence of Finding
         Those on it.
     left_out : LeftOut or None
@@ -211,12 +213,25 @@ def shown_budgets(row: Mapping[str, Any], budget: pl.DataFrame | None) -> list[d
             {
                 "name": name,
                 "text": estimate_text(row, name),
-                "verdict": row.get(f"{name}_verdict") or "",
+                "verdict": verdict_shown(row, name),
                 "parts": {part: 100 * square / total for part, square in squares.items()},
                 "not_known": "; ".join(per_unit),
             }
         )
     return shown
+
+
+def verdict_shown(row: Mapping[str, Any], name: str) -> dict[str, str] | None:
+    """The verdict on K, B or I of a row with the findings on it, in words and as the kind of its
+    badge; None of other estimates."""
+    if name not in QUANTITIES or row.get(DOUBTS) is None:
+        return None
+    doubts = doubts_about(row[DOUBTS], [name])
+    if doubts:
+        return {"badge": "doubtful", "text": known_finding(doubts[0]["source"]).title}
+    if name in row[WIDE_ESTIMATES]:
+        return {"badge": "remark", "text": WIDE}
+    return {"badge": CLEAR, "text": CLEAR}
 
 
 def stated_condition(row: Mapping[str, Any]) -> str:

@@ -13,10 +13,12 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.base.files import own_yaml
-from osl_analysis.judge.judging import results_in, wide_in
+from osl_analysis.judge.joining import GROUP_DOUBTS, RESULTS, WIDE_ESTIMATES
+from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.report.typography import in_latex, in_markdown, markdown_table, template
-from osl_analysis.stats.budget import IN_INTERVAL, WIDE, budgets_in
-from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
+from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
+from osl_analysis.stats.doubts import counted, doubts_about
+from osl_analysis.stats.repeats import OWN_CONDITION, summary_row
 from osl_analysis.stats.rounding import (
     NOTHING,
     PrintedNumber,
@@ -25,11 +27,13 @@ from osl_analysis.stats.rounding import (
     significant,
     to_places,
 )
+from osl_analysis.walking.impedance_fit import ENSEMBLE
+from osl_analysis.walking.tables import PREDICTED, budget_name
 
 CONDITION_KEYS = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 LATEX, HEADS, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
 LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
-SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
+SUBTRACTED = {ENSEMBLE: "mean unperturbed gait", PREDICTED: "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
 DAGGER = (
     "†: doubtful. Numbers are of the trials that are not doubtful; a condition whose trials are all"
@@ -70,7 +74,7 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     Parameters
     ----------
     impedance : polars.DataFrame
-        `impedance.csv`.
+        `impedance.csv`, with the findings on its rows (`judge.joining.joined`).
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null())
     whole = whole.with_columns(OWN_CONDITION)
@@ -84,7 +88,7 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     for fits in parts:
         first = fits.row(0, named=True)
         used = fits if len(fits) == 1 else counted(fits)
-        results = chain.from_iterable(map(results_in, used["remarks"]))
+        results = dict.fromkeys(chain.from_iterable(used[RESULTS]))
         n_sound = []
         estimates = {}
         ranges = {}
@@ -101,10 +105,10 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
                 trials=fits["trial"].to_list(),
                 n=max(n_sound),
                 is_doubtful=0 in n_sound,
-                results=list(dict.fromkeys(results)),
+                results=[known_finding(source).title for source in results],
                 estimates=estimates,
                 ranges=ranges,
-                wide=wide_in(first["remarks"]) if len(fits) == 1 else (),
+                wide=first[WIDE_ESTIMATES] if len(fits) == 1 else (),
             )
         )
     return of_conditions
@@ -136,19 +140,25 @@ def mean_of_row(row: Mapping[str, Any], symbol: str = "") -> PrintedNumber:
 
 
 def groups(summary: pl.DataFrame) -> Iterator[Condition]:
-    """K, B and I of each group of crossings, of all perturbations together, from
-    `walking_summary.csv`: minus the mean unperturbed gait, and minus predicted gait. † marks a
-    doubtful estimate."""
+    """K, B and I of each group of crossings, of all perturbations together: minus the mean
+    unperturbed gait, and minus predicted gait. † marks a doubtful estimate. `summary` is
+    `walking_summary.csv` with the findings on its groups."""
     for (group,), of_group in summary.group_by("group", maintain_order=True):
         for estimator, subtracted in SUBTRACTED.items():
             rows = of_group.filter(estimator=estimator).to_dicts()
             estimates = {}
+            doubtful = []
+            wide: list[str] = []
             for row in rows:
-                number = mean_of_row(row, row["quantity"])
-                if row["group_doubtful"]:
+                quantity = row["quantity"]
+                number = mean_of_row(row, quantity)
+                is_doubtful = bool(doubts_about(row[GROUP_DOUBTS], [quantity]))
+                doubtful.append(is_doubtful)
+                if is_doubtful:
                     number = PrintedNumber(f"{number.text}†", f"{number.short}†")
-                estimates[row["quantity"]] = number
-            wide = [row["quantity"] for row in rows if row["verdict"] == WIDE]
+                elif budget_name(quantity, row["estimator"]) in row[WIDE_ESTIMATES]:
+                    wide.append(quantity)
+                estimates[quantity] = number
             if rows:
                 yield Condition(
                     stated={
@@ -157,7 +167,7 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
                     },
                     trials=(),
                     n=rows[0]["n"],
-                    is_doubtful=any(row["group_doubtful"] for row in rows),
+                    is_doubtful=any(doubtful),
                     results=[],
                     estimates=estimates,
                     wide=wide,

@@ -19,14 +19,16 @@ from osl_analysis.judge.campaign import (
     findings_in_summary,
 )
 from osl_analysis.judge.findings import Finding
+from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.judge.recording_checks import BY_JOB, REFUSED, exclusion_text
 from osl_analysis.judge.rules import Grade
 from osl_analysis.report.numbers import MOST_IN_SENTENCE, headline_sentences, numbers_in_summary
 from osl_analysis.stats.budget import CLEAR
-from osl_analysis.stats.repeats import DOUBTFUL, counted
+from osl_analysis.stats.doubts import counted
 from osl_analysis.stats.rounding import rounded_up
 
 FLAGGED = "flagged"
+DOUBTFUL = "doubtful"
 IN_PART = "doubtful in part"
 EXCLUDED = "excluded"
 NOT_JUDGED = "not judged"  # recordings that are read and not analysed
@@ -155,7 +157,7 @@ def verdict_counts(
     left_out: Mapping[str, LeftOut],
 ) -> tuple[dict[str, int], dict[str, int]]:
     """How many trials of the sheet have each verdict, in the order of `VERDICTS`, and on how many
-    there is each of `results_on`."""
+    there is each source of `results_on`."""
     by_trial = findings_by_trial(findings)
     counts: Counter[str] = Counter()
     results: Counter[str] = Counter()
@@ -163,16 +165,17 @@ def verdict_counts(
         of_trial = by_trial.get(trial, ())
         verdict = verdict_on(row["experiment"], of_trial, left_out.get(trial))
         counts[verdict] += 1
-        results.update({finding.cause for finding in results_on(of_trial)})
+        results.update({finding.source for finding in results_on(of_trial)})
     return {verdict: counts[verdict] for verdict in VERDICTS}, dict(results.most_common())
 
 
 def verdicts_sentence(counts: Mapping[str, int], results: Mapping[str, int]) -> str:
-    """`9 trials, 3 doubtful; what matters: friction in 4.` A trial may have two causes."""
+    """`9 trials, 3 doubtful; what matters: friction in 4.` A trial may have two causes; `results`
+    has their sources."""
     total = sum(counts.values())
     others = [f"{n} {verdict}" for verdict, n in counts.items() if n and verdict != CLEAR]
     text = ", ".join([f"{total} trial{'s' if total != 1 else ''}", *(others or ["none doubtful"])])
-    causes = ", ".join(f"{cause} in {n}" for cause, n in results.items())
+    causes = ", ".join(f"{known_finding(source).title} in {n}" for source, n in results.items())
     return f"{text}; what matters: {causes}." if causes else f"{text}."
 
 
@@ -232,7 +235,8 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
     Parameters
     ----------
     tables
-        `impedance` and `compensation`, as far as the campaign has them.
+        `impedance`, with the findings on its rows, and `compensation`, as far as the campaign has
+        them.
     """
     if "impedance" not in tables:
         return ""

@@ -2,7 +2,7 @@
 """Mean, scatter and interval over repeated trials."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,8 @@ import scipy
 from osl_analysis.base.measured import check_measured, rms
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Contribution, scatter
+from osl_analysis.stats.doubts import counted
 from osl_analysis.stats.sources import Source
-
-DOUBTFUL = "doubtful"  # column with the causes of doubt; null without any
-OTHER_ESTIMATES = ("K_", "B_", "I_", "J_j_")  # begins of estimates that have a verdict
-
 
 CHANCE = 0.01  # of a scatter that is told and is noise
 
@@ -97,41 +94,6 @@ def summary_row(table: pl.DataFrame, name: str, is_weighted: bool = False) -> di
     }
 
 
-def concerns(doubts: str | None, names: Collection[str]) -> bool:
-    """Whether a cell of `DOUBTFUL`, as `K, B: torque path; unlikely size`, is about one of the
-    columns `names`; it is where one of these is no estimate, or none is named."""
-    columns = [f"{name}_" for name in names]
-    for doubt in filter(None, (doubts or "").split("; ")):
-        estimates, is_of_estimates, _ = doubt.partition(": ")
-        doubted = tuple(f"{estimate}_" for estimate in estimates.split(", "))
-        are_others = all(column.startswith(OTHER_ESTIMATES) for column in columns)
-        is_doubted = any(column.startswith(doubted) for column in columns)
-        if is_doubted or not (is_of_estimates and are_others and columns):
-            return True
-    return False
-
-
-def is_doubtful(table: pl.DataFrame, names: Collection[str] = ()) -> pl.Series:
-    """Whether the estimates in some columns are doubtful, by row; without names whether any is."""
-    if DOUBTFUL not in table.columns:
-        return pl.repeat(False, len(table), eager=True)
-    return pl.Series([concerns(cell, names) for cell in table[DOUBTFUL]], dtype=pl.Boolean)
-
-
-def counted(table: pl.DataFrame, names: Collection[str] = ()) -> pl.DataFrame:
-    """Rows that a mean of the columns `names` counts: those whose estimates in them are not
-    doubtful, however few."""
-    return table.filter(~is_doubtful(table, names))
-
-
-def doubtful_row(table: pl.DataFrame, *names: str) -> dict[str, int]:
-    """`n_doubtful` for a row that summarises a table; empty for a table without the column
-    `DOUBTFUL`."""
-    if DOUBTFUL not in table.columns:
-        return {}
-    return {"n_doubtful": int(is_doubtful(table, names).sum())}
-
-
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
     """A row per quantity (a column of `table`): `summary_row` over the trials that count
     (`counted`), with `n_doubtful`, how many are left out. Where none counts, there is no mean, and
@@ -139,7 +101,8 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
     rows = []
     for name in quantities:
         used = counted(table, [name])
-        row = {"quantity": name, **summary_row(used, name), **doubtful_row(table, name)}
+        n_doubtful = len(table) - len(used)
+        row = {"quantity": name, **summary_row(used, name), "n_doubtful": n_doubtful}
         if used.is_empty():
             row["interval_method"] = NONE_COUNTS
         rows.append(row)

@@ -19,7 +19,6 @@ from osl_analysis.base.measured import rms
 from osl_analysis.base.trial import Array
 from osl_analysis.signals.filters import sampling_rate
 from osl_analysis.stats.budget import QUANTITIES, Budget, Contribution, budget_rows, unknown
-from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.stats.sources import Source
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
@@ -288,6 +287,11 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
     single fits and with ordinary gait: columns of `walking_groups.csv` beside its `conditions`."""
     mean = headline.ensemble.response
     budgets = headline.ensemble.budgets
+    predicted = {
+        budget_name(name, PREDICTED): budget.value
+        for name, budget in headline.predicted.budgets.items()
+        if name in QUANTITIES
+    }
     K = budgets["K"].value
     (of_offset,) = budgets["K"].of_source(Source.OFFSET)
     estimates: dict[str, Any] = {}
@@ -300,6 +304,7 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
         "residual_over_gait": residual_over_gait(mean),
         "offset_share": 2 * of_offset.size / abs(K) if K else None,
         "pace_change": mean.pace_change,
+        **predicted,
     }
 
 
@@ -377,6 +382,12 @@ def fitted_time(response: PerturbationResponse) -> float:
 
 
 PREDICTED = "ensemble, predicted gait"
+MEAN_OF_PERTURBATIONS = "mean of perturbations"
+
+
+def budget_name(quantity: str, estimator: str) -> str:
+    """The name of an estimate of a group in `walking_budget.csv`."""
+    return f"{quantity}_predicted" if estimator == PREDICTED else quantity
 
 
 def perturbation_row(
@@ -400,10 +411,7 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str,
     rows: list[dict[str, Any]] = []
     for name in NAMES:
         mean = {"mean": fits[name].mean(), "sd": fits[name].std()}
-        rows.append(
-            {"quantity": name, "estimator": "mean of perturbations", **n, **mean}
-            | doubtful_row(fits)
-        )
+        rows.append({"quantity": name, "estimator": MEAN_OF_PERTURBATIONS, **n, **mean})
     for estimator, fit in ((ENSEMBLE, headline.ensemble), (PREDICTED, headline.predicted)):
         place = {"estimator": estimator, **n}
         for name, budget in fit.budgets.items():
@@ -417,7 +425,7 @@ def budget_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
     """Tabulate `walking_budget.csv`: what contributes to the estimates of a group."""
     estimates = dict(headline.ensemble.budgets)
     for name, budget in headline.predicted.budgets.items():
-        estimates[f"{name}_predicted"] = budget
+        estimates[budget_name(name, PREDICTED)] = budget
     table = pl.DataFrame(budget_rows({}, estimates), infer_schema_length=None)
     return table.drop("trial", "amplitude_deg").select(pl.lit(group).alias("group"), pl.all())
 

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 from any_motion import multisine
 from bench_synthetic import FIVE, second_order, stepped_sine
-from conftest import findings_on, half_width, least_squares_alone
+from conftest import findings_on, half_width, least_squares_alone, marked_by
 from scipy.interpolate import CubicSpline
 from shipped import CONFIG
 from shipped import LEG as P
@@ -45,7 +45,7 @@ def rubbing(motion):
 def test_coulomb_friction_is_named_and_has_its_size():
     tables = impedance_table(rendered_impedance(stepped_sine(rubbing, 0.03, FIVE)))
     found = judging.judged(tables["impedance"], LIMITS, "impedance", budget=tables["budget"])
-    table = judging.marked(tables["impedance"], found, "impedance")
+    table = marked_by(found, tables["impedance"], "impedance")
 
     *single, whole = table.to_dicts()
     assert {row["B_viscous"] for row in single} == {None}  # one amplitude hardly tells it

@@ -15,7 +15,7 @@ from bench_synthetic import (
     unit_sines,
     with_settings,
 )
-from conftest import joint_trial, least_squares_alone, white_noise
+from conftest import joint_trial, least_squares_alone, marked_by, white_noise
 from shipped import CONFIG
 
 from osl_analysis.base.errors import IdentifiabilityError
@@ -27,6 +27,7 @@ from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.commands.figure import fig4
 from osl_analysis.commands.fit import fit_impedance_trial
 from osl_analysis.judge import judging
+from osl_analysis.judge.findings import Finding, findings_table
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 
@@ -148,7 +149,10 @@ def test_fig4_shows_the_reported_fit_without_the_fixture(tmp_path):
     series = tmp_path / f"{trial.name}.zip"
     write_tables({series / "series.csv": tables["series"], tmp_path / "impedance.csv": table})
 
-    shown = fig4(series, tmp_path / "impedance.csv", "the first")
+    findings = [Finding("friction", "impedance", table["trial"][-1], estimates=("K",))]
+    findings_table(findings).write_parquet(tmp_path / "findings.parquet")
+
+    shown = fig4(series, tmp_path / "impedance.csv", "the first", [tmp_path / "findings.parquet"])
 
     theta, torque = shown.drop_nulls("torque_model").select("theta_deg", "torque_model")
     theta = np.deg2rad(theta.to_numpy())
@@ -157,6 +161,7 @@ def test_fig4_shows_the_reported_fit_without_the_fixture(tmp_path):
     columns = [theta, velocity, np.gradient(velocity, step), np.ones_like(theta)]
     drawn, *_ = np.linalg.lstsq(np.array(columns).T, torque.to_numpy())
     assert drawn[0] == pytest.approx(table["K"][-1], rel=0.01) != pytest.approx(200, rel=0.1)
+    assert shown["is_doubtful"].all()
     assert set(shown["doubtful"]) == {"K: friction"}
     assert shown["time"][-1] == pytest.approx(10, abs=step)
 
@@ -168,7 +173,7 @@ def judged(torque_of, noise=0.01, **stated):
     tables = impedance_table(rendered_impedance(record), desired=ours)
     table, limits = tables["impedance"], CONFIG.doubtful.of("impedance")
     found = judging.judged(table, limits, "impedance", budget=tables["budget"])
-    return judging.marked(table, found, "impedance")
+    return marked_by(found, table, "impedance")
 
 
 @pytest.mark.parametrize(("stated", "is_told"), [({}, True), ({"delay": 1e-4}, False)])

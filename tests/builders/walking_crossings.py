@@ -14,7 +14,7 @@ from walking_synthetic import RATE, bump, settings
 
 from osl_analysis.base.table import read_table, write_table
 from osl_analysis.commands import walking, walking_summary
-from osl_analysis.commands.tables import gather
+from osl_analysis.commands.tables import gather, judge_table
 from osl_analysis.judge.limits import Limits
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.groups import selection_rows
@@ -138,7 +138,9 @@ def run_jobs(
     fits = [folder / f"fits/{name}.csv" for name in perturbed]
     for file, fit in zip(turned, fits, strict=True):
         walking.fit_perturbation(file, selection, gait, chosen, fit)
-    write_table(gather(fits, "walking", limits), table)
+    of_fits, of_groups = folder / "_walking.parquet", folder / "_walking_groups.parquet"
+    write_table(judge_table("walking", limits or Limits(), fits), of_fits)
+    write_table(gather(fits, "walking", [of_fits]), table)
     walking_summary.summarise_perturbations(
         walking_summary.SummaryFiles(
             table=table,
@@ -149,17 +151,24 @@ def run_jobs(
             timing=folder / "timing.json",
         ),
         settings=chosen,
-        limits=limits_of_groups or Limits(),
         sheet=sheet,
         places={name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()},
         has_drivetrain=True,
         outputs=walking_summary.SummaryOutputs(
-            summary=folder / "summary.csv",
+            summary=folder / "walking_summary.csv",
             responses=folder / "responses.csv",
-            groups=folder / "groups.csv",
+            groups=folder / "walking_groups.csv",
             budget=folder / "budget.csv",
         ),
     )
+    name, rows = "walking_groups", [folder / "walking_groups.csv"]
+    judged = judge_table(name, limits_of_groups or Limits(), rows, [folder / "budget.csv"])
+    write_table(judged, of_groups)
+    write_table(gather(rows, name, [of_groups]), folder / "groups.csv")
+    summary = walking_summary.tabulate_groups(
+        folder / "walking_summary.csv", table, [of_fits, of_groups]
+    )
+    write_table(summary, folder / "summary.csv")
     return Tables(folder)
 
 

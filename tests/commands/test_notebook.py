@@ -110,8 +110,11 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(motion,
 
     made = tmp_path / f"tables/{fit.experiment}.csv"
     limits = read_config(short).doubtful.of(fit.experiment)
+    rows = [files[fit.experiment]]
     budget = [file for name, file in files.items() if name == "budget"]
-    write_table(tables.gather([files[fit.experiment]], made.stem, limits, budget=budget), made)
+    findings = tmp_path / "findings.parquet"
+    write_table(tables.judge_table(fit.experiment, limits, rows, budget), findings)
+    write_table(tables.gather(rows, fit.experiment, [findings]), made)
     of_findings = tables.unpublished(fit.table, fit.experiment)
     assert_same(fit.table.drop(of_findings, strict=False), made, tmp_path)
     if fit.curves is not None:
@@ -143,17 +146,17 @@ def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_pa
     files = of_campaign("impedance", tmp_path, short)
     config = read_config(short)
     response = tmp_path / "tables/response.csv"
-    fits = tmp_path / "tables/impedance.csv"
-    budget = [files["budget"]]
+    findings = tmp_path / "findings.parquet"
     limits = config.doubtful.of("impedance")
-    write_table(tables.gather([files["impedance"]], "impedance", limits, budget=budget), fits)
+    judged = tables.judge_table("impedance", limits, [files["impedance"]], [files["budget"]])
+    write_table(judged, findings)
     found = osl.frequency_response(bench_trial("impedance"), DESIRED, config=short)
     for places in ({"made": {"joint": "ankle", "side": None}}, {}):
-        table = tables.gather([files["response"]], "response", fits=[fits], places=places)
+        table = tables.gather([files["response"]], "response", [findings], places=places)
         write_table(table, response)
         if places:
             choice = FrequencyResponseFigure(K_d=300.0, B_d=5.0)
-            plotted = figure.fig7(response, DEVICE, choice, config.gain_weight)
+            plotted = figure.fig7(response, DEVICE, choice, config.gain_weight, [findings])
             write_table(plotted, tmp_path / "fig7.csv")
     assert_same(found.table, response, tmp_path)
     assert_same(

@@ -29,6 +29,8 @@ from osl_analysis.figures.drawing import (
     plotted_numbers,
 )
 from osl_analysis.figures.style import DOUBLE_COLUMN, SINGLE_COLUMN, paper_style
+from osl_analysis.judge.findings import Finding
+from osl_analysis.judge.joining import joined
 from osl_analysis.model.compensator import CONTROLLERS, PAPER_WEIGHT
 
 CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
@@ -49,7 +51,7 @@ def time_series():
         "theta_deg": torque / 5,
         "torque": torque,
         "torque_model": 0.99 * torque,
-        "doubtful": "",
+        "is_doubtful": False,
         "trial": "k300",
         "controller": "compensated",
         "K_d": 300.0,
@@ -83,7 +85,10 @@ def response_table():
 
 def torque_angle_table():
     table = stored("torque_angle")
-    return plotted_numbers("torque_angle", table, table.unique("trial", maintain_order=True))
+    trials = table.unique("trial", maintain_order=True)
+    open_loops = trials.filter(pl.col("doubtful").str.contains("closure"))["trial"]
+    findings = [Finding("open_loop", "torque_angle", trial) for trial in open_loops]
+    return plotted_numbers("torque_angle", table, joined(trials, "torque_angle", findings))
 
 
 PLOTTED = {
@@ -135,8 +140,8 @@ def walking_fits(n=31):
         "K": 300 + 2.0 * number,
         "B": 4 + 0.02 * number,
     }
-    doubtful = ["VAF 80" if k == 1 else "" for k in number]
-    return pl.DataFrame(rows | {"I": 1e-3 * number, "group": "all", "doubtful": doubtful})
+    fits = pl.DataFrame(rows | {"I": 1e-3 * number, "group": "all", "doubtful": ""})
+    return joined(fits, "walking", [Finding("unexplained_torque", "walking", "walk_2")])
 
 
 SOUND = pl.DataFrame(
@@ -157,9 +162,10 @@ def in_amplitudes(name="fig5"):
         for q in "KB"
         for end, step in (("low", -7.0), ("high", 5.0))
     }
-    reason = pl.when(K_d=100, B_d=0).then(pl.lit("VAF 80 is below 90"))
-    fits = stored("impedance").with_columns(**ends, B_viscous=pl.col("B") - 0.4, doubtful=reason)
-    return plotted_numbers(name, fits)
+    fits = stored("impedance").with_columns(**ends, B_viscous=pl.col("B") - 0.4)
+    of_condition = fits.filter(K_d=100, B_d=0)["trial"].unique()
+    findings = [Finding("unexplained_torque", "impedance", trial) for trial in of_condition]
+    return plotted_numbers(name, joined(fits, "impedance", findings))
 
 
 def errors_in_amplitudes():
@@ -281,19 +287,17 @@ def test_every_figure_fits_the_page_and_reads_at_8_points(name):
     assert_whole(figure)
 
 
-DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(
-    pl.lit("VAF 80 is below 90")
-)
-ALL_DOUBTFUL = pl.lit("late torque")
+DOUBT = pl.col("trial").is_in(["belt_02", "belt_07", "w2"])
+ALL_DOUBTFUL = pl.lit(True)
 
 
 LETTERING = [
     # figure, table, what changes, which numbers and marks stand in the figure, and which do not
-    ("fig3", both_branches, {"doubtful": DOUBT}, ["682.9", "688.3", "oubtful"], []),
-    ("fig3", both_branches, {"doubtful": ALL_DOUBTFUL}, ["ll trials are doubtful"], ["682.9"]),
+    ("fig3", both_branches, {"is_doubtful": DOUBT}, ["682.9", "688.3", "oubtful"], []),
+    ("fig3", both_branches, {"is_doubtful": ALL_DOUBTFUL}, ["ll trials are doubtful"], ["682.9"]),
     ("fig4", left_out, {"K_d": NULL, "B_d": NULL, "controller": NO_TEXT}, ["k300"], ["doubtful"]),
-    ("fig4", time_series, {"doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
-    ("fig6", lambda: plotted("fig6"), {"doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
+    ("fig4", time_series, {"is_doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
+    ("fig6", lambda: plotted("fig6"), {"is_doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
 ]
 
 
@@ -309,16 +313,18 @@ def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, change
 
 
 @pytest.mark.parametrize(
-    ("name", "panel", "order"),
+    ("name", "panel", "order", "doubt"),
     [
-        ("fig5", 0, ("K_d", "B_d")),
-        ("fig5", 1, ("B_d", "K_d")),
-        ("fig6", 0, ()),
-        ("fig7", 0, ()),
-        ("fig7", 1, ()),
+        ("fig5", 0, ("K_d", "B_d"), "K_is_doubtful"),
+        ("fig5", 1, ("B_d", "K_d"), "B_is_doubtful"),
+        ("fig6", 0, (), "is_doubtful"),
+        ("fig7", 0, (), "is_doubtful"),
+        ("fig7", 1, (), "is_doubtful"),
     ],
 )
-def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name, panel, order):
+def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(
+    name, panel, order, doubt
+):
     table, figure = drawn_once(name, TABLE_OF[name])
 
     for controller in CONTROLLERS:
@@ -327,7 +333,7 @@ def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name,
         _, faces, links = scattered(figure.axes[panel], controller)
         is_open = (np.broadcast_to(faces, (len(links), 4)) == 1).all(axis=1)
         assert links == links_to(trial.replace(" ", "%20") for trial in rows["trial"])
-        assert is_open.tolist() == [bool(text) for text in rows["doubtful"]]
+        assert is_open.tolist() == rows[doubt].to_list()
 
 
 @pytest.mark.parametrize(
@@ -338,13 +344,11 @@ def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name,
     ],
 )
 def test_a_curve_leads_to_its_trial_and_differs_where_its_fit_is_doubtful(name, table, trials):
-    is_doubtful = pl.col("trial").is_in(trials)
-    sound = table().with_columns(doubtful=NO_TEXT)
+    sound = table().with_columns(is_doubtful=pl.lit(False))
+    doubted = sound.with_columns(is_doubtful=pl.col("trial").is_in(trials).fill_null(False))
 
     styles = linked_styles(drawn(name, sound))
-    marked = linked_styles(
-        drawn(name, sound.with_columns(doubtful=pl.when(is_doubtful).then(pl.lit("VAF 80"))))
-    )
+    marked = linked_styles(drawn(name, doubted))
 
     assert {url for url in styles if marked[url] != styles[url]} == {*links_to(trials)}
 

@@ -161,7 +161,7 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_pa
     table = responses().with_columns(joint=pl.lit(joint)).filter(pl.col("joint") != "")
     write_table(table, tmp_path / "t.csv")
 
-    numbers = fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT)
+    numbers = fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT, [])
 
     assert " ".join(sorted(set(numbers["curve"]))) == curves
 
@@ -171,7 +171,7 @@ def test_fig_7_shows_the_desired_impedance_with_the_most_trials(tmp_path):
     lone = table.filter(trial=table["trial"][0]).with_columns(trial=pl.lit("lone"), K_d=77.0)
     write_table(pl.concat([*[lone] * 4, table]), tmp_path / "t.csv")  # more rows, fewer trials
 
-    shown = fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT).filter(curve="observed")
+    shown = fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT, []).filter(curve="observed")
     assert {*shown["K_d"]} == {*table["K_d"]}
 
 

@@ -3,11 +3,11 @@
 
 import numpy as np
 import pytest
+from conftest import doubt
 
 from osl_analysis.judge.agreement import disagreements
-from osl_analysis.judge.judging import verdicts_of
 from osl_analysis.judge.rules import Grade
-from osl_analysis.judge.wording import worded
+from osl_analysis.judge.wording import verdict_texts, worded
 from osl_analysis.stats.budget import CLEAR
 
 NEEDED = {"K": 0.02, "B": 0.05, "I": 0.2}
@@ -17,6 +17,7 @@ def trial(name, K_d, K, B=1.2, controller="compensated", half=0.001, **cells):
     """The row of a trial with half-widths that are a share of each estimate."""
     row = {
         "trial": name,
+        "doubts": [],
         "controller": controller,
         "K_d": K_d,
         "B_d": 1.0,
@@ -25,7 +26,6 @@ def trial(name, K_d, K, B=1.2, controller="compensated", half=0.001, **cells):
         "I": 0.08,
     }
     for symbol in "KBI":
-        row[f"{symbol}_verdict"] = CLEAR
         row[f"{symbol}_low"] = row[symbol] * (1 - half)
         row[f"{symbol}_high"] = row[symbol] * (1 + half)
     return row | cells
@@ -102,7 +102,7 @@ def test_a_well_known_repeat_is_not_accused_by_two_that_are_not():
 
 def test_a_doubtful_estimate_beside_a_clear_one_that_differs_is_told():
     def pair(K, doubtful):
-        late = trial("late", 90.0, K, **{f"{doubtful}_verdict": "late torque"})
+        late = trial("late", 90.0, K, doubts=[doubt("late_torque", doubtful)])
         return [trial("clear", 90.0, 90.0), late]
 
     assert told(pair(94.0, "B")) == []
@@ -115,11 +115,11 @@ def test_a_repeat_that_differs_in_B_alone_leaves_its_K():
 
     (found,) = disagreements(rows, NEEDED)
 
-    assert verdicts_of([found]) == {"K": CLEAR, "B": "unlike other trials", "I": CLEAR}
+    assert verdict_texts([found]) == {"K": CLEAR, "B": "unlike other trials", "I": CLEAR}
     assert "B 1.20, 2.40, 1.20" in found.size
     rows[1] |= {"K": 60.0, "K_low": 59.9, "K_high": 60.1}
     (found,) = disagreements(rows, NEEDED)
-    assert set(verdicts_of([found]).values()) == {"unlike other trials"}
+    assert set(verdict_texts([found]).values()) == {"unlike other trials"}
     assert found.size.endswith(": 2{}")
 
 

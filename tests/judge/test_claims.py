@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from conftest import doubt
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.bench.summaries import compensation_table
@@ -35,7 +36,7 @@ def fit(controller, B, half, **stated):
         "VAF": 99.0,
         "amplitude_deg": None,
         "commanded_deg": None,
-        "doubtful": "",
+        "doubts": [],
         **stated,
     }
     return {"trial": f"{controller} {row['K_d']}", **row}
@@ -85,7 +86,7 @@ def test_damping_is_compared_with_friction_on_both_sides_or_without_it():
 
 def test_a_doubtful_trial_has_no_pair():
     fits = pairs(((1.0, 0.1), (2.0, 0.1)), ((1.0, 0.1), (9.0, 0.1)))
-    fits[-1]["doubtful"] = "late torque"
+    fits[-1]["doubts"] = [doubt("late_torque")]
 
     assert of_damping(fits).filter(of="trials")["difference"].item() == pytest.approx(-1.0)
 
@@ -156,7 +157,7 @@ def test_what_one_of_a_pair_lacks_is_not_compared_and_few_decide_nothing():
 
 def test_a_doubtful_trial_and_another_controller_are_in_no_pair():
     rows = pairs(BETTER, BETTER)
-    rows[0]["doubtful"] = "K, B: torque path"
+    rows[0]["doubts"] = [doubt("torque_path", "K", "B")]
     rows[3]["controller"] = "other"
 
     assert verdict_on(rows)["verdict"] == "not tested"

@@ -6,17 +6,19 @@ import os
 
 import polars as pl
 import pytest
-from conftest import beyond_in, findings_of, marked
+from conftest import beyond_in, doubt, findings_of, marked
 
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.jobs.progress import later_failures, write_log
-from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
-from osl_analysis.judge.findings import Finding, findings_frame
-from osl_analysis.judge.judging import judged, with_doubts_of
-from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign, table_findings
+from osl_analysis.judge.findings import Finding, findings_table, read_findings, view_of
+from osl_analysis.judge.joining import JOINED_COLUMNS, joined
+from osl_analysis.judge.judging import judged
+from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.rules import Beyond, Grade
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows
-from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
+from osl_analysis.stats.doubts import DOUBTS, counted
+from osl_analysis.stats.repeats import summary_of_trials
 from osl_analysis.stats.sources import Source
 
 
@@ -73,7 +75,6 @@ def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
         fits(vaf=[None, 80.0], reason=["no markers", None]), Limits(below={"vaf": 90}), "walking"
     )
     assert table["doubtful"].to_list() == [None, "beyond a stated limit"]
-    assert doubtful_row(table) == {"n_doubtful": 1}
 
 
 @pytest.mark.parametrize(
@@ -81,8 +82,9 @@ def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
     [(0, 700.0, 10.0), (1, 705.0, 50**0.5), (2, 710.0, None), (3, None, None)],
 )
 def test_a_mean_is_over_trials_that_are_not_doubtful_however_few(n_doubtful, mean, sd):
-    doubts = pl.Series(["clipped"] * n_doubtful + [None] * (3 - n_doubtful), dtype=pl.String)
-    table = pl.DataFrame({"K_s": [690.0, 700.0, 710.0], "doubtful": doubts})
+    doubts = [[doubt("clipped_signal")]] * n_doubtful + [[]] * (3 - n_doubtful)
+    cells = pl.Series(doubts, dtype=JOINED_COLUMNS[DOUBTS])
+    table = pl.DataFrame({"K_s": [690.0, 700.0, 710.0], DOUBTS: cells})
 
     (row,) = summary_of_trials(table, ["K_s"]).to_dicts()
 
@@ -90,22 +92,18 @@ def test_a_mean_is_over_trials_that_are_not_doubtful_however_few(n_doubtful, mea
     assert row["mean"] == mean
     assert (row["interval_method"] == "Student") == (sd is not None)
     assert row["sd"] == (sd if sd is None else pytest.approx(sd))
-    assert len(counted(table.drop("doubtful"))) == 3
+    assert len(counted(table.drop(DOUBTS))) == 3
 
 
 def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude():
-    impedance = pl.DataFrame(
-        {
-            "trial": "a",
-            "amplitude_deg": [2.0, 4.0, None],
-            "doubtful": ["K: late torque", None, "B: friction"],
-        }
-    )
+    late = Finding("late_torque", "impedance", "a", amplitude_deg=2.0, estimates=("K",))
+    of_whole = Finding("friction", "impedance", "a", estimates=("B",))
     response = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, 2.0, 4.0, None]})
 
-    shared = with_doubts_of(response, impedance)["doubtful"].to_list()
+    shared = joined(response, "response", [late, of_whole])
 
-    assert shared == ["K: late torque", "K: late torque", None, "B: friction"]
+    late_K, friction_B = doubt("late_torque", "K"), doubt("friction", "B")
+    assert shared[DOUBTS].to_list() == [[late_K, friction_B]] * 2 + [[friction_B]] * 2
 
 
 def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
@@ -134,18 +132,29 @@ def test_what_a_run_refused_before_its_own_verdict_is_no_later_failure(tmp_path)
     assert not later_failures(summary)
 
 
-def test_a_finding_in_the_table_is_the_finding_that_was_made():
-    evidence = (Beyond("lag_share", 0.1, 0.05, "above"), Beyond("VAF", 90.0, 98.0, "below"))
-    finding = Finding("late_torque", "impedance", "t", Grade.DOUBTS, evidence, 4.0)
-
-    table = findings_frame([finding])
-
-    numbers = ("evidence", "value", "limit")
-    assert table.select(numbers).rows() == [
-        (beyond.column, beyond.value, beyond.limit) for beyond in evidence
+def test_a_finding_that_is_written_is_read_as_it_was_made(tmp_path):
+    findings = [
+        Finding(
+            source="late_torque",
+            table="impedance",
+            subject="t",
+            grade=Grade.DOUBTS,
+            evidence=(Beyond("B", 0.3, 0.1, probability=0.9), Beyond("I", 0.1, 0.05)),
+            amplitude_deg=4.0,
+            estimates=("B", "I"),
+            joint="ankle",
+            says="what is wrong",
+            size="by 0.3",
+            remedy="what to do",
+        ),
+        Finding("fixture_inertia", "transmission", "=t", Grade.UNCHECKED),
     ]
-    of_finding = ("finding", "trial", "grade", "amplitude_deg")
-    assert set(table.select(of_finding).rows()) == {(1, "t", "doubts", 4.0)}
+    table = findings_table(findings)
+    table.write_parquet(tmp_path / "findings.parquet")
+
+    assert read_findings([tmp_path / "findings.parquet"]) == findings
+    assert view_of(table)["estimates"].to_list() == ["B, I", "B, I", None]
+    assert table["grade"].dtype.categories.to_list() == [grade.value for grade in Grade]
 
 
 def friction(trial, share):
@@ -154,7 +163,7 @@ def friction(trial, share):
 
 
 def test_the_worst_trial_of_a_cause_has_the_largest_number_shown():
-    impedance = fits(B=[0.6, 2.0], doubtful="friction")
+    impedance = fits(B=[0.6, 2.0])
 
     findings = [friction("a", 0.3), friction("b", 0.5)]
     (cause,) = causes_in_campaign(findings, {"impedance": impedance}, UNCHECKED)
@@ -163,7 +172,7 @@ def test_the_worst_trial_of_a_cause_has_the_largest_number_shown():
 
 
 def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
-    tables = {"impedance": fits(B=1.0, doubtful=["friction", None])}
+    tables = {"impedance": fits(B=1.0)}
     findings = [friction("a", 0.5)]
     for trial in "ab":
         findings.append(Finding("other_motion", "impedance", trial, amplitude_deg=2.0))
@@ -180,11 +189,8 @@ def test_a_delay_that_a_trial_does_not_tell_is_listed_though_another_tells_its_o
     impedance = fits(B=[2.0, 2.0], lag_s=[None, 1e-4])
     unchecked = Contribution("late_torque", None, part="fault", per="0.3 N*m*s/rad per ms")
     rows = budget_rows({"trial": "a"}, {"B": Budget(2.0, (unchecked,))})
-    no_checks = fits(check="gap", verdict="pass", value=0.0, unit="s", remark="")
 
-    told = campaign_findings(
-        {"impedance": impedance}, no_checks, DoubtfulFits(), table_of(rows, "budget")
-    )
+    told = table_findings(impedance, Limits(), "impedance", budget=table_of(rows, "budget"))
 
     assert "late_torque" in [finding.source for finding in told]
 
@@ -193,7 +199,7 @@ def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
     impedance = fits(saturated_samples=[9, 0])
     verdicts = fits(check="saturation", verdict="flag", value=9.0, unit="samples", remark="")
 
-    told = campaign_findings({"impedance": impedance}, verdicts, DoubtfulFits())
+    told = campaign_findings(table_findings(impedance, Limits(), "impedance"), verdicts)
 
     clipped = [finding for finding in told if finding.source == "clipped_signal"]
     assert [(finding.subject, finding.table) for finding in clipped] == [
@@ -214,8 +220,8 @@ def test_a_trial_that_is_used_without_its_end_is_doubtful_for_a_damaged_log():
         }
     )
 
-    of_all = campaign_findings({}, verdicts, DoubtfulFits())
-    of_others = campaign_findings({}, verdicts[1:], DoubtfulFits())
+    of_all = campaign_findings([], verdicts)
+    of_others = campaign_findings([], verdicts[1:])
 
     doubts = [finding for finding in of_all if finding.grade is Grade.DOUBTS]
     assert [(finding.subject, finding.cause) for finding in doubts] == [("flagged", "damaged log")]
@@ -226,7 +232,7 @@ def test_a_check_of_a_trial_is_not_hidden_by_a_doubt_at_one_amplitude():
     impedance = fits(B=[2.0, 2.0], amplitude_deg=[2.0, None], saturated_samples=[9, 9])
     verdicts = fits(check="saturation", verdict="flag", value=9.0, unit="samples", remark="")
 
-    told = campaign_findings({"impedance": impedance}, verdicts, DoubtfulFits())
+    told = campaign_findings(table_findings(impedance, Limits(), "impedance"), verdicts)
 
     clipped = [finding for finding in told if finding.source == "clipped_signal"]
     assert [(finding.subject, finding.table, finding.amplitude_deg) for finding in clipped] == [

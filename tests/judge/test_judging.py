@@ -5,16 +5,18 @@ import re
 
 import polars as pl
 import pytest
-from conftest import findings_of
+from conftest import doubt as doubt_cell
+from conftest import findings_of, marked_by
 
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.judge.checks import CHECKS
-from osl_analysis.judge.judging import judged, marked, results_in, short_list, verdicts_of, wide_in
+from osl_analysis.judge.joining import results_in, wide_estimates
+from osl_analysis.judge.judging import judged
 from osl_analysis.judge.limits import Accuracy, Limits
 from osl_analysis.judge.rules import Grade
-from osl_analysis.judge.wording import finding_text
+from osl_analysis.judge.wording import finding_text, verdict_texts
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
-from osl_analysis.stats.repeats import concerns
+from osl_analysis.stats.doubts import doubts_about
 
 KNEE = {"trial": "knee", "amplitude_deg": None, "K": 150.0, "B": 3.0, "I": 0.03}
 NEEDED = {"K": 3.0, "B": 0.15, "I": 0.006}
@@ -43,7 +45,7 @@ def test_a_fault_is_a_doubt_about_what_it_moves_by_more_than_is_needed(name):
     assert (doubt.cause, doubt.grade) == ("torque path", Grade.DOUBTS)
     assert [each.column for each in doubt.evidence] == [name]
     assert of_knee(rows) == []
-    assert verdicts_of([doubt]) == dict.fromkeys("KBI", "clear") | {name: "torque path"}
+    assert verdict_texts([doubt]) == dict.fromkeys("KBI", "clear") | {name: "torque path"}
 
 
 def test_a_doubt_about_all_of_a_trial_is_one_about_its_amplitudes():
@@ -52,7 +54,7 @@ def test_a_doubt_about_all_of_a_trial_is_one_about_its_amplitudes():
     rows = table_of(budget_rows(KNEE, {"K": budget}), "budget")
     table = pl.DataFrame([single, KNEE])
 
-    found = marked(table, judged(table, Limits(), "impedance", budget=rows), "impedance")
+    found = marked_by(judged(table, Limits(), "impedance", budget=rows), table, "impedance")
 
     assert found["K_verdict"].to_list() == ["torque path"] * 2
     assert found["doubtful"].to_list() == ["K: torque path"] * 2
@@ -119,7 +121,7 @@ def test_what_spoils_a_recording_stands_before_what_follows_from_it():
     found = of_knee(rows, saturated_samples=9)
 
     assert [each.source for each in found] == ["clipped_signal", "late_torque"]
-    assert verdicts_of(found)["I"] == "clipped signal"
+    assert verdict_texts(found)["I"] == "clipped signal"
 
 
 def test_leaps_beside_certain_friction_are_no_fault(monkeypatch):
@@ -147,7 +149,7 @@ def test_an_impossible_estimate_is_doubtful_and_no_other_of_its_row():
     (doubt,) = of_knee({"K": [scatter(0.1, 9)]}, B_high=-0.1)
 
     assert (doubt.cause, doubt.estimates) == ("impossible estimate", ("B",))
-    assert verdicts_of([doubt]) == {"K": "clear", "B": "impossible estimate", "I": "clear"}
+    assert verdict_texts([doubt]) == {"K": "clear", "B": "impossible estimate", "I": "clear"}
 
 
 def test_a_wide_interval_is_told_under_its_own_name_and_is_no_doubt(monkeypatch):
@@ -158,9 +160,9 @@ def test_a_wide_interval_is_told_under_its_own_name_and_is_no_doubt(monkeypatch)
 
     size = "B_viscous is known to 0.2 N*m*s/rad (largest source: repeatability), and 0.15 is needed"
     assert (remark.source, remark.size) == ("wide_interval", size)
-    assert wide_in(f"friction; {short_list([remark], False)}") == ["B_viscous"]
-    assert verdicts_of([remark])["B"] == "clear"
-    assert verdicts_of(of_knee({"B": wide, "B_viscous": wide}))["B"] == "wide"
+    assert wide_estimates([remark]) == ["B_viscous"]
+    assert verdict_texts([remark])["B"] == "clear"
+    assert verdict_texts(of_knee({"B": wide, "B_viscous": wide}))["B"] == "wide"
 
 
 def test_what_is_not_known_is_told_once_per_unit_and_not_of_the_device():
@@ -179,24 +181,26 @@ def test_what_is_not_known_is_told_once_per_unit_and_not_of_the_device():
         ("wrong_gain", "K x per %, B x per %", *unchecked),
         ("friction", "", *unchecked),
     ]
-    (remarks,) = marked(table, found, "impedance")["remarks"]
+    (remarks,) = marked_by(found, table, "impedance")["remarks"]
     assert remarks.endswith("not checked: friction")
-    assert results_in(remarks) == []
+    assert results_in(found[0]) == []
 
 
 @pytest.mark.parametrize(
     ("doubts", "names", "is_concerned"),
     [
-        ("K, B: torque path", ["K"], True),
-        ("K, B: torque path", ["K_d", "I"], True),
-        ("I: late torque; unlikely size", ["K"], True),
-        ("I: late torque", ["VAF"], True),
-        ("B_j: late torque", ["J_j"], False),
-        (None, ["K"], False),
+        ([doubt_cell("torque_path", "K", "B")], ["K"], True),
+        ([doubt_cell("torque_path", "K", "B")], ["K_d", "I"], True),
+        ([doubt_cell("late_torque", "I"), doubt_cell("unlikely_size")], ["K"], True),
+        ([doubt_cell("late_torque", "I")], ["VAF"], True),
+        ([doubt_cell("late_torque", "I")], [], True),
+        ([doubt_cell("late_torque", "B_j")], ["J_j"], False),
+        ([doubt_cell("late_torque", "B")], ["B_viscous"], True),
+        ([], ["K"], False),
     ],
 )
 def test_a_mean_leaves_out_the_estimates_that_are_doubtful(doubts, names, is_concerned):
-    assert concerns(doubts, names) == is_concerned
+    assert bool(doubts_about(doubts, names)) == is_concerned
 
 
 @pytest.mark.parametrize(("B_over_B_d", "is_told"), [(0.738, True), (0.544, False)])

@@ -14,6 +14,10 @@ from conftest import ROOT
 from osl_analysis.commands.tables import write_paper_table
 from osl_analysis.figures import fig6
 from osl_analysis.judge.campaign import CampaignFinding
+from osl_analysis.judge.findings import Finding
+from osl_analysis.judge.joining import joined
+from osl_analysis.judge.known_findings import known_finding
+from osl_analysis.judge.rules import Grade
 from osl_analysis.report import paper_tables
 from osl_analysis.report.numbers import (
     ENTRIES,
@@ -23,11 +27,12 @@ from osl_analysis.report.numbers import (
 )
 from osl_analysis.report.paper_tables import condition_rows, conditions
 from osl_analysis.report.verdicts import answer, brief_lines
+from osl_analysis.stats.doubts import counted
 from osl_analysis.stats.rounding import printed_number, written
 from osl_analysis.stats.sources import Source
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded", "digest"), "x")
-IMPEDANCE = pl.DataFrame(
+FITS = pl.DataFrame(
     {
         "trial": [*"aabc"],
         "controller": "PD 1",
@@ -41,13 +46,13 @@ IMPEDANCE = pl.DataFrame(
         "B_viscous": [None, None, 5.1, None],
         "I": None,
         "VAF": [97.0, 98.0, 99.0, 99.5],
-        "doubtful": ["", "", "", "friction"],
-        "remarks": None,
         "interval_method": "repeats",
     }
 )
 
-SOUND = IMPEDANCE.with_columns(doubtful=pl.lit(""))
+SOUND = joined(FITS, "impedance", [])
+IMPEDANCE = joined(FITS, "impedance", [Finding("friction", "impedance", "c")])
+GROUP_DOUBT = Finding("clocks_disagree", "walking_groups", "all", estimates=("K",))
 BELT = pl.DataFrame({"quantity": ["K_s"], "mean": 690.0, "low": 680.0, "high": 700.0, "n": 10})
 
 
@@ -60,12 +65,13 @@ def test_a_group_s_doubt_stands_on_its_number_and_in_a_macro_of_its_own():
     summary = pl.DataFrame(
         [of_group | {"quantity": "K", "mean": 300.0, "low": 270.0, "high": 330.0}]
     )
-    doubted = summary.with_columns(group_doubtful=pl.lit("clocks"))
+    doubted = joined(summary, "walking_summary", [GROUP_DOUBT])
 
     number = numbers_of(walking_summary=doubted)["walking_K"]
 
-    assert number.in_sentence == "K = 300 ± 30 N*m/rad (doubtful: clocks)"
-    assert "\\oslWalkingKDoubtful}{clocks}" in macros_tex(ABOUT, [number], ())
+    text = f"K: {known_finding('clocks_disagree').title}"
+    assert number.in_sentence == f"K = 300 ± 30 N*m/rad (doubtful: {text})"
+    assert f"\\oslWalkingKDoubtful}}{{{text}}}" in macros_tex(ABOUT, [number], ())
     assert "Doubtful" not in macros_tex(ABOUT, [*numbers_of(walking_summary=summary).values()], ())
 
 
@@ -77,7 +83,8 @@ def test_a_mean_over_trials_leaves_out_amplitudes_and_doubtful_trials():
 
 
 def test_of_doubtful_trials_alone_there_is_no_number():
-    doubtful = IMPEDANCE.with_columns(doubtful=pl.lit("late torque"))
+    late = [Finding("late_torque", "impedance", trial) for trial in "abc"]
+    doubtful = joined(FITS, "impedance", late)
 
     assert not [*headline_numbers({"impedance": doubtful})]
 
@@ -95,7 +102,7 @@ def test_numbers_of_another_excitation_are_another_condition_s():
 
 
 def test_the_median_VAF_is_that_of_the_fits_that_Fig_6_draws():
-    of_figure = fig6.points(IMPEDANCE).filter(doubtful="")
+    of_figure = counted(fig6.points(IMPEDANCE))
 
     number = numbers_of(impedance=IMPEDANCE)["VAF_median_PD_1"]
 
@@ -237,9 +244,12 @@ def test_a_condition_without_a_clear_trial_is_marked_and_has_no_numbers():
 
 
 def test_a_condition_shows_friction():
-    remarks = pl.lit("what could not be checked; friction")
+    findings = [
+        Finding("fixture_inertia", "impedance", "b", Grade.UNCHECKED),
+        Finding("friction", "impedance", "b", Grade.NOTES),
+    ]
 
-    (condition,) = conditions(IMPEDANCE.filter(trial="b").with_columns(remarks=remarks))
+    (condition,) = conditions(joined(FITS.filter(trial="b"), "impedance", findings))
     assert (condition.is_doubtful, condition.results) == (False, ["friction"])
 
 
@@ -271,26 +281,22 @@ def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():
         ("K", "ensemble, predicted gait", 333.0, 321.0, 345.0),
         ("VAF", "ensemble, predicted gait", 98.0, None, None),
     ]
-    summary = pl.DataFrame(rows, columns, orient="row").with_columns(
-        group=pl.lit("all"),
-        group_doubtful=None,
-        n=30,
-        verdict=pl.when(quantity="K").then(pl.lit("wide")),
-    )
+    summary = pl.DataFrame(rows, columns, orient="row").with_columns(group=pl.lit("all"), n=30)
+    wide = Finding("wide_interval", "walking_groups", "all", Grade.NOTES, estimates=("K",))
+    clear = joined(summary, "walking_summary", [wide])
 
-    of_mean, predicted = rows_of(list(paper_tables.groups(summary)))
+    of_mean, predicted = rows_of(list(paper_tables.groups(clear)))
     assert (of_mean["n"], of_mean["K [N*m/rad]"][:3], of_mean["VAF [%]"]) == ("30", "336", "99.99")
     assert (predicted["n"], predicted["K [N*m/rad]"][:3], predicted["VAF [%]"]) == (
         "30",
         "333",
         "98.00",
     )
-    doubt_of_K = pl.when(quantity="K").then(pl.lit("clocks"))
-    doubted = [*paper_tables.groups(summary.with_columns(group_doubtful=doubt_of_K))]
+    doubted = [*paper_tables.groups(joined(summary, "walking_summary", [GROUP_DOUBT]))]
     assert [group.is_doubtful for group in doubted] == [True, True]
     texts = {name: str(number) for name, number in doubted[0].estimates.items()}
-    assert texts == {"K": "336 (323 to 348)†", "VAF": "99.99"}
-    assert doubted[0].wide == ["K"]
+    assert texts == {"K": "336 (323 to 348)†", "VAF": "99.99†"}
+    assert [group.wide for group in paper_tables.groups(clear)] == [["K"], []]
 
 
 @pytest.mark.parametrize(("beside_draft", "draft"), [(True, " 7.55 (83/11) |"), (False, "")])
@@ -363,12 +369,12 @@ def test_half_of_an_interval_is_of_its_own_ends_and_not_of_rounded_ones():
 
 
 @pytest.mark.parametrize(
-    ("doubted", "told"), [("K", "PD 1, B is within"), ("B", "PD 1, K is within"), ("K, B", None)]
+    ("doubted", "told"), [("K", "PD 1, B is within"), ("B", "PD 1, K is within"), ("KB", None)]
 )
 def test_the_answer_leaves_out_an_estimate_that_is_doubtful(doubted, told):
-    fits = SOUND.with_columns(doubtful=pl.lit(f"{doubted}: friction"))
+    doubts = [Finding("friction", "impedance", trial, estimates=(*doubted,)) for trial in "abc"]
 
-    sentence = answer({"impedance": fits})
+    sentence = answer({"impedance": joined(FITS, "impedance", doubts)})
 
     assert sentence.startswith(f"Over whole trials, {told}") if told else sentence == ""
     assert sentence.count("within") == (told is not None)

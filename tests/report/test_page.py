@@ -17,6 +17,8 @@ from page_builder import ABOUT, PART, REMARK, ROW, WHOLE, page, view, worded
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.commands.report import plotted_signals, rates_of
 from osl_analysis.dictionary.described import table_of
+from osl_analysis.judge.findings import Finding
+from osl_analysis.judge.joining import joined
 from osl_analysis.report import methods
 from osl_analysis.report.page import (
     inline_svg,
@@ -68,11 +70,13 @@ BUDGET = table_of(budget_rows(PLACE, {"K": Budget(300.0, PARTS)}), "budget")
 
 
 def test_an_estimate_has_verdict_parts_of_its_interval_and_unknowns():
-    fit = pl.DataFrame([{**PLACE, "K": 300.0, "K_verdict": "torque path"}])
+    late = Finding("torque_path", "impedance", ROW["trial"], estimates=("K",))
+    fit = joined(pl.DataFrame([{**PLACE, "K": 300.0}]), "impedance", [late])
 
     (shown,) = trial_view(ROW, {"impedance": fit, "budget": BUDGET}, [], None, None)["budgets"]
 
-    assert (shown["verdict"], shown["not_known"]) == ("torque path", "wrong gain: 3 N*m/rad per %")
+    assert shown["verdict"] == {"badge": "doubtful", "text": "torque path"}
+    assert shown["not_known"] == "wrong gain: 3 N*m/rad per %"
     repeatability, bench = (2.262157 * 3) ** 2, (1.959964 * 4) ** 2  # Student's, by hand
     share = 100 * repeatability / (repeatability + bench)
     assert shown["parts"]["repeatability"] == pytest.approx(share, rel=1e-5)

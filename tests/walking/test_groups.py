@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 from c3d_builder import FACE
-from conftest import refused_with, white_noise
+from conftest import doubt, refused_with, white_noise
 from walking_crossings import (
     TURN,
     Walk,
@@ -23,7 +23,7 @@ from walking_synthetic import settings
 from osl_analysis.commands.walking_summary import (
     commanded_trajectory,
     commanded_value,
-    with_verdicts,
+    estimate_verdict,
 )
 from osl_analysis.walking.groups import (
     Measure,
@@ -337,14 +337,22 @@ def test_the_pressure_is_outside_as_far_as_it_is_from_the_foot(beside_m, outside
     assert cop_outside(pressure, np.tile(corners, (5, 1, 1))) == pytest.approx(outside_m)
 
 
+LATE = [doubt("late_torque", "K")]
+
+
 @pytest.mark.parametrize(
-    ("of_group", "own", "expected"),
-    [("wide", "clear", "clear"), ("clear", "wide", "wide"), ("late torque", "wide", "late torque")],
+    ("estimator", "wide", "doubts", "expected"),
+    [
+        ("ensemble", ["K"], [], "wide"),
+        ("ensemble", ["K_predicted"], [], "clear"),
+        ("ensemble, predicted gait", ["K"], [], "clear"),
+        ("ensemble, predicted gait", ["K_predicted"], [], "wide"),
+        ("ensemble, predicted gait", ["K_predicted"], LATE, "delay of the torque"),
+        ("mean of perturbations", ["K"], [], None),
+        ("mean of perturbations", [], LATE, "delay of the torque"),
+    ],
 )
-def test_each_estimator_of_a_group_has_its_own_width(of_group, own, expected):
-    predicted = {"group": "all", "estimator": "ensemble, predicted gait", "quantity": "K"}
-    groups = pl.DataFrame([{"group": "all", "K_verdict": of_group, "doubtful": None}])
+def test_each_estimator_of_a_group_has_its_own_width(estimator, wide, doubts, expected):
+    row = {"estimator": estimator, "quantity": "K", "mean": 300.0, "wide_estimates": wide}
 
-    (verdict,) = with_verdicts([predicted], groups, {"all": {"K": own}})["verdict"]
-
-    assert verdict == expected
+    assert estimate_verdict(row, doubts) == expected

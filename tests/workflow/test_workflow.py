@@ -498,7 +498,7 @@ def test_another_recording_is_seen_by_its_size_and_a_touched_one_is_not(
     assert laboratory.planned(table) == {}
     log.write_bytes(log.read_bytes() + b"more")
     os.utime(log, (10**8, 10**8))
-    assert laboratory.planned(table) == {"ingest": 1, "fit": 1, "table": 2}, "and its budget"
+    assert laboratory.planned(table) == {"ingest": 1, "fit": 1, "findings": 1, "table": 1}
 
 
 def test_a_source_file_that_is_missing_refuses_its_trial(workspace, tmp_path):

@@ -109,9 +109,7 @@ if TIME_SERIES:
                 fig4,
                 output,
                 log,
-                inputs=dict(
-                    series=input.series, table=input.table, findings=input.findings
-                ),
+                inputs=dict(series=input.series, table=input.table, findings=input.findings),
                 arguments=dict(chosen=params.chosen),
                 left_out=LeftOut(excluded=params.excluded),
             )

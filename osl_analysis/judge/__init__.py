@@ -15,10 +15,17 @@ The way of one estimate, the damping of a trial whose torque is late, to the pag
    beyond its limit (`rules.numbers_beyond`), in any table.
 5. `wording.worded` fills the sentences that `words.yaml` has under `findings`: what is wrong,
    how large it is, what to do.
-6. `judging.marked` writes the verdicts into `K_verdict`, `B_verdict` and `I_verdict`, doubts into
-   `doubtful`, and the rest into `remarks`. `campaign.campaign_findings` gathers all findings for
-   `findings.csv`, from which `campaign.causes_in_campaign` counts trials for `summary.json`, and
-   `report.page` shows each trial its own.
+6. `findings.findings_table` stores the findings on the rows of a table in
+   `findings/_impedance.parquet`: the source by its name, the grade as an enumeration, the estimates
+   as a list. This decides. The rule `findings` makes it, once; those of the campaign are gathered
+   in `tables/findings.parquet`, whose view for people is `findings.csv`.
+7. `joining.joined` joins them to rows of result tables as typed columns: `doubts`, each with its
+   source and estimates, by which means leave out rows (`stats/doubts.py`), figures open their
+   markers, and claims and headline numbers count; wide intervals; and properties of the device.
+   `joining.with_texts` writes `K_verdict`, `doubtful` and `remarks`, which people read.
+8. `campaign.causes_in_campaign` counts trials by cause for `summary.json`, and `report.page` shows
+   each trial its own findings.
 
-The code says `torque_path`; readers see the title of `words.yaml`. Words decide nothing.
+The code says `torque_path`; readers see the title of `words.yaml`. Words decide nothing: with
+all of them replaced, every number is the same (`tests/workflow/test_workflow.py`).
 """

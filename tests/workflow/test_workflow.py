@@ -11,19 +11,35 @@ import shutil
 import textwrap
 from collections import ChainMap
 from importlib import import_module
+from pathlib import Path
 
 import polars as pl
 import pytest
 import yaml
 from conftest import ROOT
+from polars import selectors
+from polars.testing import assert_frame_equal
 from reference import changed
 from shipped import SETTINGS
 from snakemake_runs import FILES, OVERRIDES, Workspace, run_forked
 
-from osl_analysis.base.table import not_analysed
+from osl_analysis.base.table import not_analysed, read_table, write_table
 from osl_analysis.campaign.configuration import overriding
+from osl_analysis.commands.fit import derive
+from osl_analysis.commands.tables import (
+    check_claims,
+    gather,
+    gather_findings,
+    judge_table,
+    write_summary,
+)
+from osl_analysis.commands.walking_summary import tabulate_groups
 from osl_analysis.figures.drawing import FIGURES
+from osl_analysis.judge import known_findings
+from osl_analysis.judge.known_findings import KnownFinding, WordsOfRule
+from osl_analysis.judge.limits import Accuracy, Limits
 from osl_analysis.report.verdicts import brief_lines
+from osl_analysis.stats.sources import Source
 
 TRIAL = "impedance_K300_B5.0_compensated"
 DYNAMOMETER = OVERRIDES["dynamometer"]
@@ -134,6 +150,104 @@ def test_options_of_snakemake_and_a_module_do_what_they_do_elsewhere(workspace, 
 def test_no_number_of_a_campaign_changes_unnoticed(workspace):
     changes = changed(workspace.folder / "results")
     assert changes == [], "if all of it is intended: python tests/reference.py"
+
+
+# Words decide nothing: with every title and sentence replaced, all numbers are the same.
+
+DERIVED_OF = {
+    "impedance": ("compensation", "delay"),
+    "belt": ("belt_summary",),
+    "transmission": ("transmission_summary",),
+    "actuator": ("actuator_summary",),
+}
+ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded", "digest"), "x")
+STRICT = Limits(accuracy=Accuracy(B=0.01), below={"K_s": 684.0})  # which one of two belts has
+FAULTS = {"impedance_K300_B5.0_compensated": Source.SIGNAL_JUMPS}
+"""A fault of a recording, for which B and I are doubtful, whose intervals are wide, and K is
+not."""
+
+
+def made_of_fits(results: Path, folder: Path) -> dict[str, pl.DataFrame]:
+    """All that follows from the fits of a campaign, judged by `STRICT` and `FAULTS`, as its rules
+    make it: findings, tables, claims; the headline numbers stand in a table, too."""
+    findings: dict[str, Path] = {}
+    files: dict[str, Path] = {}
+    for name in ("belt", "transmission", "actuator", "impedance", "walking", "walking_groups"):
+        rows = sorted((results / "fits" / name).glob("*.csv")) or [results / f"fits/{name}.csv"]
+        budgets = sorted((results / "fits" / name).glob("*.zip"))
+        if name == "walking_groups":
+            budgets = [results / "tables/walking_budget.csv"]
+        findings[name] = folder / f"_{name}.parquet"
+        files[name] = folder / f"{name}.csv"
+        write_table(judge_table(name, STRICT, rows, budgets, FAULTS), findings[name])
+        write_table(gather(rows, name, [findings[name]]), files[name])
+    archives = sorted(results.glob("fits/impedance/*.zip"))
+    files["response"] = folder / "response.csv"
+    write_table(gather(archives, "response", [findings["impedance"]]), files["response"])
+    for name, derived in DERIVED_OF.items():
+        for summary in derived:
+            files[summary] = folder / f"{summary}.csv"
+            write_table(derive(files[name], summary, [findings[name]]), files[summary])
+    files["walking_summary"] = folder / "walking_summary.csv"
+    of_walking = [findings["walking"], findings["walking_groups"]]
+    groups = tabulate_groups(results / "fits/walking_summary.csv", files["walking"], of_walking)
+    write_table(groups, files["walking_summary"])
+
+    campaign_findings = folder / "findings.parquet"
+    verdicts = results / "tables/quality.csv"
+    gather_findings(list(findings.values()), verdicts, campaign_findings, folder / "findings.csv")
+    claims = ROOT / "config/claims/draft.yaml"
+    compared = check_claims(files, claims, list(findings.values()))
+    files["claims"] = folder / "claims.csv"
+    write_table(compared, files["claims"])
+    sheet = pl.read_csv(results.parent / "raw_data/small/trials.csv", infer_schema=False)
+    write_summary(
+        about=ABOUT,
+        table_paths=files,
+        summary_json=folder / "summary.json",
+        numbers_tex=folder / "numbers.tex",
+        sheet={row["trial"]: row for row in sheet.to_dicts()},
+        excluded=results / "tables/excluded.csv",
+        verdicts=verdicts,
+        findings=campaign_findings,
+        beside_draft=False,
+        settings={},
+        stated={},
+    )
+    summary = json.loads((folder / "summary.json").read_text())
+    headline = [{"quantity": name, **number} for name, number in summary["numbers"].items()]
+    counts = {**summary["verdicts"], **summary["results_of_clear"]}
+    return {
+        **{name: read_table(path) for name, path in files.items()},
+        "findings": pl.read_parquet(campaign_findings),
+        "numbers": pl.DataFrame(headline, infer_schema_length=None),
+        "counts": pl.DataFrame([counts]),
+    }
+
+
+def test_other_titles_and_sentences_of_findings_change_no_number(workspace, tmp_path, monkeypatch):
+    results = workspace.folder / "results"
+    (tmp_path / "shipped").mkdir()
+    (tmp_path / "nonsense").mkdir()
+    shipped = made_of_fits(results, tmp_path / "shipped")
+
+    for source, known in list(known_findings.FINDINGS.items()):
+        nonsense = KnownFinding(known.name, title=f"K, B: x; not checked: {source[::-1]}", says="y")
+        monkeypatch.setitem(known_findings.FINDINGS, source, nonsense)
+    for name in list(known_findings.WORDS_OF_RULES):
+        monkeypatch.setitem(known_findings.WORDS_OF_RULES, name, WordsOfRule("z: w", "v"))
+    renamed = made_of_fits(results, tmp_path / "nonsense")
+
+    assert shipped["impedance"]["doubtful"].drop_nulls().len() > 0, "some are doubtful"
+    assert shipped["impedance"]["doubtful"].to_list() != renamed["impedance"]["doubtful"].to_list()
+    assert shipped["numbers"]["n_doubtful"].sum() > 0, "and in no mean"
+    assert shipped.keys() == renamed.keys()
+    for name, table in shipped.items():
+        numbers = table.select(selectors.numeric() | selectors.boolean())
+        assert_frame_equal(renamed[name].select(numbers.columns), numbers, check_exact=True)
+    decided = {"findings": ("source", "grade", "estimates", "evidence"), "claims": ("verdict",)}
+    for name, columns in decided.items():
+        assert_frame_equal(renamed[name].select(columns), shipped[name].select(columns))
 
 
 def leaves(value, place=()):

@@ -159,10 +159,8 @@ def judge_table(
     budget: Sequence[Path] = (),
     faults: Mapping[str, str] | None = None,
     places: Places | None = None,
-    refused: Sequence[NotAnalysed] = (),
 ) -> pl.DataFrame:
-    """The findings on the fits, or groups of crossings, that are the rows of one table:
-    `findings/NAME.parquet`.
+    """The findings on the fits, or groups of crossings, that are the rows of one table.
 
     Parameters
     ----------
@@ -170,15 +168,13 @@ def judge_table(
     limits : Limits
         Accuracy and limits of the configuration on this table.
     rows : Sequence of Path
-        The files with its rows.
+        The files with its rows; none where all trials are refused, on which there are no findings.
     budget : Sequence of Path
         Those with the budgets of their estimates.
     faults : Mapping of str to str or None
         By trial, the finding of a failed check, which names the cause of a doubt.
     places : Places or None
         Joint and side of each trial.
-    refused : Sequence of NotAnalysed
-        Trials that were refused, on which there are no findings.
     """
     if not rows:
         return findings_table([])

@@ -164,6 +164,23 @@ def test_friction_is_told_from_damping_however_quickly_it_turns_its_sign(width):
 
 
 @least_squares_alone
+@least_squares_alone
+def test_a_spring_behind_a_damper_is_no_friction_and_hides_none():
+    """A Maxwell element of 300 N*m/rad and 3 N*m*s/rad makes the joint one of third order."""
+    motion = noise(np.random.default_rng(5))
+    time, (theta, omega, _) = motion
+    element = scipy.signal.lsim(([3.0, 0.0], [3.0 / 300, 1.0]), theta, time)[1]
+
+    sound, rubbing = (
+        row_of(made_trial(np.random.default_rng(6), motion, more=element + friction))
+        for friction in (0.0, 0.3 * np.tanh(omega / 0.003))
+    )
+
+    assert sound["f_C"] is None
+    assert rubbing["f_C"] == pytest.approx(0.3, rel=0.1)
+    assert rubbing["B_viscous"] == pytest.approx(sound["B"], abs=0.02)
+
+
 def test_friction_of_a_motion_beyond_the_cutoff_is_that_of_all_that_moves():
     """By what the filter leaves of the motion it is 0.17 N*m."""
     row = rubbing_row(2e-3, band=(0.4, 20.0), duration=60.0, rate=1000.0)

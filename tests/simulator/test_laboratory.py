@@ -132,10 +132,16 @@ def test_half_a_person_stands_on_the_plate_in_the_static_trial(setup, tmp_path):
 def recorded(shipped, tmp_path_factory):
     """A crossing as shipped: what each recorder saw, and the truth."""
     folder = tmp_path_factory.mktemp("recorded")
-    analogs = shipped.record(folder, PERTURBED)["analogs"][0]
+    data = shipped.record(folder, PERTURBED)
     facts = json.loads((folder / "truth/walking_01.json").read_text())
     truth = pl.read_parquet(folder / "truth/walking_01.parquet")
-    return SimpleNamespace(analogs=analogs, log=leg_log(folder), facts=facts, truth=truth)
+    return SimpleNamespace(
+        analogs=data["analogs"][0],
+        points=data["points"],
+        log=leg_log(folder),
+        facts=facts,
+        truth=truth,
+    )
 
 
 def test_the_leg_s_clock_has_an_offset_and_a_drift(recorded):
@@ -193,9 +199,13 @@ def test_a_plate_is_late_by_its_lag(shipped, tmp_path):
 
 
 def test_an_effect_that_is_off_leaves_the_draws_of_the_others(recorded, shipped, tmp_path):
-    without_marker_noise = shipped.lacking("marker_noise").record(tmp_path, PERTURBED)
+    """Noise of the plate and gaps of markers are the same; noise of markers has 0.15 mm."""
+    clean = shipped.lacking("marker_noise").record(tmp_path, PERTURBED)
 
-    np.testing.assert_array_equal(recorded.analogs, without_marker_noise["analogs"][0])
+    np.testing.assert_array_equal(recorded.analogs, clean["analogs"][0])
+    np.testing.assert_array_equal(np.isnan(recorded.points), np.isnan(clean["points"]))
+    noise_mm = (recorded.points - clean["points"])[:3]
+    assert np.nanstd(noise_mm) == pytest.approx(0.15, rel=0.02)
 
 
 @pytest.mark.parametrize("effect", ["stance_scatter", "heel_strike_scatter", "placement_forward"])

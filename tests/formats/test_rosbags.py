@@ -270,6 +270,14 @@ def test_a_bag_of_ros_1_that_was_not_closed_is_told_how_to_mend(tmp_path):
     assert "`rosbag reindex`" in said_in_refusal(formats.read, path)
 
 
+def test_two_bags_of_ros_1_in_one_file_are_refused(tmp_path):
+    """The index at the beginning is of the first one alone."""
+    path = write_bag(tmp_path / "a.bag", range(400), 1)
+    path.write_bytes(2 * path.read_bytes())
+
+    assert "a.bag: holds two bags" in said_in_refusal(formats.read, path)
+
+
 @pytest.mark.recordings
 def test_bags_that_others_recorded_are_read_whole(recordings):
     of_ros_1 = formats.read(recordings / "bag" / "fake_joint_state.bag")

@@ -89,6 +89,14 @@ def test_a_line_that_is_no_json_is_refused_by_its_number(tmp_path):
     assert "line 12" in refused(write(tmp_path / "a", lines))
 
 
+def test_a_number_may_be_whole_in_one_part_of_a_log_alone(tmp_path):
+    path = write(tmp_path / "a.jsonl", [{"t": k, "x": x} for k, x in enumerate((1, 2, 3.5, 4.5))])
+
+    _, readings = formats.read(path).channels
+
+    assert readings.values.tolist() == [1, 2, 3.5, 4.5]
+
+
 def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path):
     whole = write(tmp_path / "a", rust_lines())
     lines = rust_lines()

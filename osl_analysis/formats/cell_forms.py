@@ -23,8 +23,9 @@ from osl_analysis.formats.text_cells import (
 FORM = re.compile(
     rf"(?P<before>(?:.*[^\d.+\-eE])?)(?P<number>{NUMBER.pattern})(?P<behind>[^\d]*)", re.ASCII
 )
-THOUSANDS = re.compile(r".*\d[_'’,\s]", re.DOTALL)
-"""What stands before the last digits of `1_198.0`: the number alone would be 198.0."""
+# a digit in the text before a number, unless a bracket or an equals sign stands between: `1_` of
+# `1_000.5` is part of the number, `np.float64(` is not
+SEPARATES_THOUSANDS = re.compile(r"\d[^(\[{:=]*$")
 SERIAL_MONITOR = re.compile(rb"(?m)^(\d{2}:\d{2}:\d{2}\.\d{3}) -> ")
 """What the serial monitor of Arduino's IDE writes before each line where time stamps are shown."""
 
@@ -83,7 +84,7 @@ def forms_of(rows: Sequence[TextRow]) -> list[Form]:
         is_of_numbers = any(map(is_value, cells))
         if all(matches) and len(texts) == 1 and len(numbers) > 1 and not is_of_numbers:
             ((before, behind),) = texts
-            if THOUSANDS.fullmatch(before):
+            if SEPARATES_THOUSANDS.search(before):
                 continue
             forms.append(Form(place, before, behind, cells[0]))
     return forms

@@ -17,7 +17,7 @@ import polars as pl
 from numpy.typing import NDArray
 from pydantic import Field
 
-from osl_analysis.base.errors import InputError, quoted, shortened
+from osl_analysis.base.errors import InputError, listing, quoted, shortened
 from osl_analysis.base.recording import SECOND_NS, Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.base.source_file import ColumnChannel, ColumnTime, TableSource
 from osl_analysis.base.units import is_clock, is_unit
@@ -92,6 +92,7 @@ class Table:
     notes: list[str] = field(default_factory=list)
     skipped: int = 0  # rows that do not fit the header
     has_forms: bool = False  # whether numbers stand within text of the cells
+    header: Sequence[str] = ()  # the cells of the line above the rows
     delimiter: str = ""
     decimal: str = "."
 
@@ -152,6 +153,9 @@ def table_of_rows(
     footnotes = [" ".join(row.cells) for row in footer]
     comment_texts = [line.text.strip(" \t#%/") for line in comments]
     names, units, notes = _head_of(above, comment_texts, delimiter, shape)
+    if len(names) == shape.width - 1 and _counts_rows([row.cells[0] for row in rows[first:]]):
+        names.insert(0, "")  # as R writes the names of rows
+        units.insert(0, "")
     for form in forms:
         if form.place < len(names):
             is_unnamed = names[form.place] in ("", str(form.place + 1))
@@ -170,6 +174,13 @@ def table_of_rows(
     if cut:
         data = data[:-1]
         remarks.append(cut)
+    header = above[-1].cells if above else []
+    again = [row for row in data if row.cells == header]  # where a logger was reset
+    if again and len(header) == width:
+        remarks.append(
+            f"the header stands again in line {listing([str(row.number) for row in again])}"
+        )
+        data = [row for row in data if row.cells != header]
     fitting = [row for row in data if len(row.cells) == width]
     skipped = len(data) - len(fitting)
     if skipped:
@@ -185,6 +196,7 @@ def table_of_rows(
         remarks=remarks,
         skipped=skipped,
         has_forms=bool(forms),
+        header=header,
         end=End.MISSING if cut else End.UNKNOWN,
         delimiter=delimiter,
         decimal=decimal_of(cells_of_rows),
@@ -235,6 +247,14 @@ def _first_row_of_data(rows: Sequence[TextRow], shape: Shape) -> int:
             break
         first -= 1
     return first
+
+
+def _counts_rows(cells: Sequence[str]) -> bool:
+    """Tell whether cells are the numbers of their rows, from any number on."""
+    if not all(cell.isdecimal() for cell in cells):
+        return False
+    numbers = [int(cell) for cell in cells]
+    return all(later - earlier == 1 for earlier, later in pairwise(numbers))
 
 
 def _counts(cells: Sequence[str]) -> bool:

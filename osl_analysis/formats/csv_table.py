@@ -83,6 +83,8 @@ def _with_rows_between(ends: Table, text: bytes, count: int) -> Table:
         One is a comment or blank, or has not a cell for each name.
     """
     delimiter = ends.delimiter
+    if ends.header and delimiter.join(ends.header).encode() + b"\n" in text:
+        raise InputError("the header stands again")
     if delimiter == " ":
         text = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)
         text = re.sub(rb"[ \t]+", b"\t", text)

@@ -128,7 +128,8 @@ def begins_anew(rows: Rows, starts: NDArray[np.intp], first: object) -> InputErr
     places = listing([rows.place(row) for row in starts[1:]], 5)
     return InputError(
         f"time begins anew at {first} in {places}: the file holds {starts.size} recordings",
-        "cut the file there, and give each part a row of the sheet",
+        "cut the file there, and give each part a row of the sheet; of one recording, log a clock"
+        " that goes on",
     )
 
 

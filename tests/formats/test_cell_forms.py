@@ -82,6 +82,16 @@ def test_a_column_whose_pattern_changes_keeps_its_text(tmp_path):
     assert "`missing`" not in said
 
 
+@pytest.mark.parametrize("sign", ["_", "'", " "])
+def test_a_sign_between_thousands_is_no_pattern(tmp_path, sign):
+    lines = [f"{t:.3f},1{sign}{row:03d}.5" for row, t in enumerate(TIME)]
+
+    recording = recording_of(tmp_path, ["t,load", *lines])
+
+    assert np.isnan(values(recording, "load")).all()
+    assert not recording.loss.remarks
+
+
 @pytest.mark.parametrize("rows", [50, LONG])
 @pytest.mark.parametrize("sign", [",", "\t", " "])
 def test_the_arrow_of_a_serial_monitor_is_a_sign_between_cells(tmp_path, sign, rows):
@@ -120,6 +130,33 @@ def test_a_first_row_with_a_word_among_numbers_is_no_header(tmp_path):
     recording = recording_of(tmp_path, ["t,angle,torque", *lines])
 
     assert recording.channels[0].rows.count == 50
+
+
+@pytest.mark.parametrize("rows", [50, LONG])
+def test_a_header_that_stands_again_is_left_out(tmp_path, rows):
+    lines = [f"{t:.3f},{a:.5f},{m:.5f}" for t, a, m in zip(*ankle(rows), strict=True)]
+    lines.insert(rows // 2, "t,angle,torque")
+
+    recording = recording_of(tmp_path, ["t,angle,torque", *lines])
+
+    np.testing.assert_allclose(values(recording, "torque"), ankle(rows)[2], atol=1e-5)
+    assert f"again in line {rows // 2 + 2}" in " ".join(recording.loss.remarks)
+
+
+@pytest.mark.parametrize(
+    ("first", "names"), [(1, ["1", "t", "angle"]), (0.5, None)], ids=["row names", "no names"]
+)
+def test_a_header_with_a_name_too_few_lacks_that_of_the_row_numbers(tmp_path, first, names):
+    lines = [
+        f"{row + first} {t:.3f} {a:.5f}" for row, (t, a) in enumerate(zip(TIME, ANGLE, strict=True))
+    ]
+    path = tmp_path / "log.txt"
+    path.write_text("\n".join(["t angle", *lines]) + "\n")
+
+    if names is None:
+        assert "3 cells under 2 names" in said_in_refusal(formats.read, path)
+    else:
+        assert [channel.name for channel in formats.read(path).channels] == names
 
 
 # --- clocks -------------------------------------------------------------------------------------

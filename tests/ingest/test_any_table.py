@@ -294,7 +294,7 @@ def test_a_recorder_that_begins_anew_is_told_with_its_line(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(text() * 2)
 
-    with refused_with(rf"line {ROWS + 2}, column '.*'"):
+    with refused_with(rf"line {ROWS + 3}: the file holds 2 recordings"):
         read_by_draft(path)
 
 

@@ -52,8 +52,8 @@ from osl_analysis.judge.recording_checks import (
     read_verdicts,
 )
 from osl_analysis.model.drivetrain import known_parameters
+from osl_analysis.report.listed_numbers import LISTED_NUMBERS
 from osl_analysis.report.numbers import (
-    ENTRIES,
     headline_numbers,
     macros_tex,
     numbers_in_summary,
@@ -435,6 +435,6 @@ def columns_text() -> str:
         for name, check in CHECKS.items()
     ]
     sections.append(f"checks of quality control\n\n{aligned(checks)}")
-    numbers = [(entry.name, entry.unit, entry.meaning) for entry in ENTRIES]
+    numbers = [(entry.name, entry.unit, entry.meaning) for entry in LISTED_NUMBERS]
     sections.append(f"numbers in summary.json\n\n{aligned(numbers)}")
     return "\n".join(sections)

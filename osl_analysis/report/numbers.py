@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Headline numbers of a campaign: computed from result tables as `numbers.yaml` lists them, and
+"""Headline numbers of a campaign: computed from result tables as `listed_numbers.py` says, and
 written as JSON, as macros of LaTeX and as sentences."""
 
 import json
@@ -7,18 +7,17 @@ import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import polars as pl
 
 from osl_analysis.base.errors import first_of, on_one_line
-from osl_analysis.base.files import own_yaml
 from osl_analysis.base.table import SCHEMA, SCHEMA_FIELD
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.judge.joining import GROUP_DOUBTS
 from osl_analysis.judge.wording import doubts_text
+from osl_analysis.report.listed_numbers import BY_CONDITION, LISTED_NUMBERS, ListedNumber, column_of
 from osl_analysis.report.typography import template
 from osl_analysis.stats.doubts import counted, doubts_about, is_doubtful
 from osl_analysis.stats.repeats import OWN_CONDITION, RANGE, summary_row
@@ -26,32 +25,6 @@ from osl_analysis.stats.rounding import decimal_places, plus_minus, to_places
 
 OF_CONDITION = (*PLACE, "excitation")  # by which conditions are told apart, too
 MOST_IN_SENTENCE = 3  # numbers, or lines of conditions, that a terminal holds
-BY_CONDITION = "by condition"  # `says` of the entries that these lines hold
-
-
-@dataclass(frozen=True)
-class ListedNumber:
-    """A headline number as `numbers.yaml` lists it."""
-
-    name: str
-    table: str
-    value: str
-    unit: str
-    meaning: str
-    where: str = "TRUE"
-    low: str = "NULL"
-    high: str = "NULL"
-    by: Sequence[str] = ()
-    reduce: str = "mean"
-    says: str = ""
-    symbol: str = ""
-    draft: float | None = None
-    interval: str = ""
-    origin: str = ""
-
-
-LISTED_NUMBERS: Any = own_yaml(Path(__file__).with_name("numbers.yaml"))  # a mapping per number
-ENTRIES = [ListedNumber(**fields) for fields in LISTED_NUMBERS]
 
 
 @dataclass(frozen=True)
@@ -134,7 +107,7 @@ class Number:
 def headline_numbers(
     tables: Mapping[str, pl.DataFrame], beside_draft: bool = True
 ) -> Iterator[Number]:
-    """Compute the numbers of `numbers.yaml` of which the campaign has the table and the columns.
+    """Compute the listed numbers of which the campaign has the table and the columns.
 
     Where all rows are doubtful, there is none.
 
@@ -145,7 +118,7 @@ def headline_numbers(
     beside_draft : bool
         Whether the values of the paper's draft stand beside them.
     """
-    for entry in ENTRIES:
+    for entry in LISTED_NUMBERS:
         origin = tables.get(entry.origin or entry.table.removesuffix("_summary"), pl.DataFrame())
         estimate = entry.name.rpartition("_")[2]  # ends the names of numbers over trials
         trials = trials_in(counted(origin, [estimate]))
@@ -158,21 +131,16 @@ def parts(entry: ListedNumber, table: pl.DataFrame) -> list[tuple[pl.DataFrame, 
     """The rows of each number of an entry, with the number and its interval, and the columns in
     which they agree; none where the table lacks a column that the entry asks for."""
     try:
-        names = pl.sql_expr(entry.value).meta.root_names()
-        rows = table.with_columns(left_out=is_doubtful(table, names))
-        rows = (
-            rows.filter(
-                pl.sql_expr(entry.where).cast(pl.Boolean)
-            )  # null throughout, it is a number
-            .with_columns(
-                number=pl.sql_expr(entry.value).cast(pl.Float64),
-                number_low=pl.sql_expr(entry.low).cast(pl.Float64),
-                number_high=pl.sql_expr(entry.high).cast(pl.Float64),
-            )
-            .rename({f"{entry.value}_se_bench": "number_se_bench"}, strict=False)
-        )
+        rows = table.with_columns(left_out=is_doubtful(table, entry.columns))
+        rows = rows.filter(entry.rows(rows))
+        value = column_of(rows, entry.value)
+        ends = [column_of(rows, end) for end in entry.ends or ()]
     except pl.exceptions.ColumnNotFoundError:
         return []
+    low, high = ends or [value.clear(len(value))] * 2  # without an interval they are null
+    rows = rows.with_columns(number=value, number_low=low, number_high=high)
+    if isinstance(entry.value, str):  # a mean has the part that its trials share
+        rows = rows.rename({f"{entry.value}_se_bench": "number_se_bench"}, strict=False)
     rows = rows.filter(pl.col("number").is_finite())
     kinds = OF_CONDITION if "K_d" in entry.by else PLACE
     several = [name for name in kinds if name in rows.columns and rows[name].n_unique() > 1]
@@ -202,7 +170,7 @@ def number_of(
     interval = entry.interval or mean["interval_method"] or first.get("interval") or "95 %"
     if entry.reduce == "sum":
         low = high = None
-    elif entry.low == "NULL" and len(used) > 1:
+    elif entry.ends is None and len(used) > 1:
         low, high, interval = values.min(), values.max(), RANGE
     cells = {key: first[key] for key in keys if first[key] not in (None, "", "all")}
     stated = [

@@ -31,7 +31,41 @@ from osl_analysis.walking.impedance_fit import ENSEMBLE
 from osl_analysis.walking.tables import PREDICTED, budget_name
 
 CONDITION_KEYS = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
-LATEX, HEADS, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
+HEADS = {
+    "K": "K [N*m/rad]",
+    "B": "B [N*m*s/rad]",
+    "B_viscous": "B_viscous [N*m*s/rad]",
+    "I": "I [kg*m^2]",
+    "VAF": "VAF [%]",
+}
+"""Heads of the estimates of conditions and groups, by column."""
+IN_LATEX: Mapping[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
+"""Heads of columns and components as LaTeX."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """A component of the drivetrain in Table I."""
+
+    quantity: str  # that is measured, or stated
+    head: str
+    draft: str  # the value of the paper's draft; empty for none
+
+
+COMPONENTS = (
+    Component("n_m", "n_m", "9"),
+    Component("n_T", "n_T", "7.55 (83/11)"),
+    Component("k_tau", "k_tau [N*m/A]", "0.1133"),
+    Component("K_s", "K_s [N*m/rad]", "685.6"),
+    Component("B_m", "B_m [N*m*s/rad]", "0.0056"),
+    Component("B_j", "B_j [N*m*s/rad]", "0.452"),
+    Component("B_j_viscous", "viscous B_j [N*m*s/rad]", ""),
+    Component("J_m", "J_m [kg*m^2]", "0.009211"),
+    Component("J_j", "J_j [kg*m^2]", "0.005"),
+    Component("f_C", "f_C [N*m]", "0.377"),
+    Component("f_G", "f_G [N*m/A]", "0.0896"),
+)
+"""Table I, in its order."""
 LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
 SUBTRACTED = {ENSEMBLE: "mean unperturbed gait", PREDICTED: "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
@@ -203,7 +237,7 @@ def interval_rows(
         for summary in means
         for row in summary.drop_nulls("low").to_dicts()
     }
-    title_of = {component["quantity"]: title for title, component in COMPONENTS.items()}
+    title_of = {component.quantity: component.head for component in COMPONENTS}
     title_of.update(HEADS)
     widths_of: dict[tuple[str, str], list[list[float]]] = {}
     whole = budget.filter(pl.col("amplitude_deg").is_null(), pl.col("estimate").is_in(title_of))
@@ -238,9 +272,9 @@ def component_rows(
         for row in summary.drop_nulls("mean").iter_rows(named=True):
             cells[row["quantity"]] = [mean_of_row(row), str(row["n"])]
     rows: list[Cells] = [["quantity", "mean", "n", "draft"]]
-    for title, component in COMPONENTS.items():
-        if component["quantity"] in cells:
-            rows.append([title, *cells[component["quantity"]], component["draft"]])
+    for component in COMPONENTS:
+        if component.quantity in cells:
+            rows.append([component.head, *cells[component.quantity], component.draft])
     return rows if beside_draft else [row[:-1] for row in rows]
 
 
@@ -262,7 +296,7 @@ def latex_cell(cell: str | PrintedNumber) -> str:
     """A cell as LaTeX: a number with half of its interval, a head in its symbols."""
     if isinstance(cell, PrintedNumber):
         return in_latex(cell.short).replace("±", r"$\pm$")
-    return LATEX.get(cell) or in_latex(cell)
+    return IN_LATEX.get(cell) or in_latex(cell)
 
 
 def markdown_for_paper(rows: Sequence[Cells], origin: str) -> str:

@@ -19,8 +19,14 @@ from osl_analysis.judge.joining import joined
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.judge.rules import Grade
 from osl_analysis.report import paper_tables
+from osl_analysis.report.listed_numbers import (
+    LISTED_NUMBERS,
+    WORDS,
+    ListedNumber,
+    is_nearer_to_Z_d,
+    percent_above_K_d,
+)
 from osl_analysis.report.numbers import (
-    ENTRIES,
     headline_numbers,
     macros_tex,
     to_json,
@@ -380,7 +386,32 @@ def test_the_answer_leaves_out_an_estimate_that_is_doubtful(doubted, told):
     assert sentence.count("within") == (told is not None)
 
 
-def test_every_number_is_of_a_table_that_the_dictionary_describes():
-    from osl_analysis.dictionary.described import described_tables_by_name
+@pytest.mark.parametrize("changes", [
+    {"value": "K_viscous"}, {"ends": ("K_lo", "K_high")}, {"by": ("controler",)},
+    {"value": percent_above_K_d, "of": ("K", "Kd")}, {"words": "K_of"},
+])  # fmt: skip
+def test_a_number_of_a_column_or_of_words_that_are_not_there_is_refused(changes):
+    fields = {"value": "K", "ends": ("K_low", "K_high"), **changes}
 
-    assert {entry.table for entry in ENTRIES} <= set(described_tables_by_name())
+    with pytest.raises(ValueError, match=r"no column|no words"):
+        ListedNumber("K", "impedance", "N*m/rad", **fields)
+
+
+def test_each_number_has_words_and_all_words_are_of_a_number():
+    assert {entry.words or entry.name for entry in LISTED_NUMBERS} == WORDS.keys()
+
+
+def test_a_frequency_is_nearer_where_it_is_below_the_best_sound_one_without_compensation():
+    """Of three pairs one is nearer; of the last frequency nobody has measured the other arm."""
+    response = pl.DataFrame(
+        {
+            "scope": "all", "joint": "ankle", "side": None, "K_d": 90.0, "B_d": 1.0,
+            "controller": ["compensated"] * 4 + ["uncompensated"] * 5,
+            "frequency_hz": [1.0, 2.0, 3.0, 4.0, 1.0, 1.0, 2.0, 3.0, 3.0],
+            "Z_error": [5.0, 5.0, 5.0, 5.0, 6.0, 7.0, 4.0, 9.0, 4.5],
+        }
+    )  # fmt: skip
+
+    nearer = is_nearer_to_Z_d(response)
+
+    assert nearer.to_list() == [True, False, False, None, *[None] * 5]

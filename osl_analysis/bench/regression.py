@@ -267,12 +267,20 @@ def without_slower(signals: Array, slow: float) -> Array:
 
 def with_gain(signals: Array, gain: Callable[[Array], Array]) -> Array:
     """Filter signals (q, n) without phase: the lines of their discrete cosine transform times a
-    gain at their frequencies [cycles per row]."""
-    lines = scipy.fft.dct(signals)
-    frequency = np.arange(lines.shape[1]) / (2 * lines.shape[1])
+    gain at their frequencies [cycles per row].
+
+    The signals are continued to a fast length by the mirror image that the transform has there:
+    other lengths take up to 18 times as long.
+    """
+    n = signals.shape[1]
+    rows = scipy.fft.next_fast_len(n, real=True)
+    continued = np.pad(signals, ((0, 0), (0, rows - n)), "symmetric")
+    lines = scipy.fft.dct(continued, overwrite_x=True)
+    frequency = np.arange(rows) / (2 * rows)
     # a constant has this line alone: whatever gain it gets, offset and estimates are the same
     frequency[0] = frequency[1] / 4
-    return scipy.fft.idct(gain(frequency) * lines)
+    lines *= gain(frequency)
+    return scipy.fft.idct(lines, overwrite_x=True)[:, :n]
 
 
 def running_mean(signals: Array, period: float) -> Array:

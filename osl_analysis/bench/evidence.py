@@ -135,7 +135,9 @@ def impedance_table(
     expected = None
     if p and gains:
         expected = partial(dynamic_stiffness, K_1=gains.K_1, B_1=gains.B_1, p=p)
-    s = sums_of(record, expected)
+    s = analysis.effects
+    if s is None or expected is not None:
+        s = sums_of(record, expected)
     rendered = None
     if p and desired.controller:
         rendered = rendered_gains(analysis, p, of_device)

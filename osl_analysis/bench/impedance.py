@@ -28,6 +28,7 @@ from osl_analysis.bench.regression import (
     friction_column,
     gram_sums,
     least_squares,
+    sums_of,
     with_gain,
 )
 from osl_analysis.inference.rounding_errors import repeated_share
@@ -59,6 +60,8 @@ class Analysis:
         Of the fit that stands for the trial.
     other
         The same with the other reading of undecided stamps; None: all are decided.
+    effects
+        Sums of all effects in the coarse record, where these were fitted.
     """
 
     record: Record
@@ -67,6 +70,7 @@ class Analysis:
     fits: Mapping[Label, LinearFit]
     label: Label = None
     other: "Analysis | None" = None
+    effects: Sums | None = None
 
     @property
     def whole(self) -> LinearFit:
@@ -188,8 +192,14 @@ def fit_all_groups(record: Record, model: Model, sums: Sums | None = None) -> An
     IdentifiabilityError
         As `least_squares`.
     """
+    effects = None
     if sums is None:
-        sums = gram_sums(record, columns_of(record), record.angle_noise)
+        columns = columns_of(record)
+        if is_fitted_coarse(record):
+            effects = sums_of(record)
+            sums = replace(effects, columns=columns, fast=None)
+        else:
+            sums = gram_sums(record, columns, record.angle_noise)
     tells_K_from_I = {"theta", "alpha"} <= set(model.values())
     fits = {}
     strata = sums.groups.strata
@@ -213,7 +223,17 @@ def fit_all_groups(record: Record, model: Model, sums: Sums | None = None) -> An
         fits = with_encoder_errors(record, columns, model, fits)
     other = record.with_other_stamps
     others = fit_all_groups(other, model) if other is not None else None
-    return Analysis(record, sums, model, fits, other=others)
+    return Analysis(record, sums, model, fits, other=others, effects=effects)
+
+
+def is_fitted_coarse(record: Record) -> bool:
+    """Whether the fit takes the sums of the coarse record, with all effects.
+
+    They move estimates of a motion that does not repeat itself by about a hundredth of their
+    half-widths at most, and are made once for fit, friction and range. The scatter of what repeats is that of the raw torque, whose noise is independent from row to row:
+    it needs the recorded rate.
+    """
+    return record.groups.kind == "blocks" and record.coarse is not record
 
 
 def bench_torques(

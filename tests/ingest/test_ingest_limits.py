@@ -26,7 +26,7 @@ from osl_analysis.ingest.clock import (
 )
 from osl_analysis.ingest.conversion import fresh_rows
 from osl_analysis.ingest.guard import changes_of_angle, check_recording, check_sizes, in_other_units
-from osl_analysis.ingest.likely_clock import ticks, time_unit
+from osl_analysis.ingest.likely_clock import ticks, time_unit, unwrapped
 from osl_analysis.ingest.message_log import count_late
 from osl_analysis.ingest.quality import (
     cause_of_leaps,
@@ -404,3 +404,25 @@ def test_a_plate_is_stepped_on_from_100_newtons_in_ten_samples(force, samples, i
     load[100 : 100 + samples] = force
 
     assert bool(list(pressed_plates(plate_trial(load)))) == is_pressed
+
+
+@pytest.mark.parametrize(("irregular", "is_clock"), [(15, True), (25, False)])
+def test_a_clock_has_four_of_five_steps_within_a_fifth_of_the_usual_one(irregular, is_clock):
+    steps = np.full(100, 0.01)
+    steps[:irregular] = 0.013  # beyond a fifth
+
+    assert ticks(np.cumsum(steps), "s") == is_clock
+    steps[:irregular] = 0.0115  # within
+    assert ticks(np.cumsum(steps), "s")
+
+
+@pytest.mark.parametrize(("tick", "bits", "is_counter"), [
+    (1.0, 8, True), (1.0, 7, False), (1e-3, 16, True), (1e-3, 15, False),
+    (1e-6, 16, True), (1e-6, 15, False),
+])  # fmt: skip
+def test_a_counter_that_overflows_has_eight_bits_or_sixteen_of_a_fine_tick(tick, bits, is_counter):
+    readings = np.arange(0, 3 * 2**bits, 2 ** (bits - 5)) % 2**bits * tick
+
+    _, period = unwrapped(readings)
+
+    assert (period == f"2**{bits} ticks of {tick:g}") == is_counter

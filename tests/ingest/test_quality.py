@@ -329,6 +329,7 @@ def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remar
         (Commanded((2.0, 6.0), (2.0, 5.0), 6), 4, "6 deg.* 2 Hz.* 6 deg"),
         (Commanded((1.2 * 2, 1.2 * 4), (2.0, 5.0), 6), 2, "2.4 deg.* 2 Hz.* 1.2 "),
         (Commanded((1.02 * 2, 1.02 * 4), (2.0, 5.0), 6), 0, ""),
+        (Commanded((1.045 * 2, 1.045 * 4), (2.0, 5.0), 6), 2, "1.0[45]"),
     ],
 )
 def test_the_protocol_in_the_log_is_compared_with_the_configured_one(really, missing, remark):

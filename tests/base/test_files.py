@@ -62,6 +62,17 @@ def test_a_name_that_is_not_utf_8_is_refused_and_can_be_listed():
     assert listing(["k\udcff"]).isprintable()
 
 
+def test_a_file_that_was_written_completely_replaces_the_older_one(tmp_path):
+    target = tmp_path / "table.csv"
+    target.write_text("old")
+
+    with atomic_path(target) as temporary:
+        temporary.write_text("new")
+
+    assert target.read_text() == "new"
+    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
+
+
 def test_tables_are_read_below_one_another_as_each_of_them(tmp_path):
     contents = {
         "a": "trial,K,note\n01,1,x\n",

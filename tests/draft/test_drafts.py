@@ -151,7 +151,6 @@ def test_a_clock_in_another_part_of_a_file_goes_before_a_rate_in_its_text(tmp_pa
 
 
 def test_times_of_day_tell_how_often_an_angle_turns(tmp_path):
-    """By rows alone the experiment would be unknown."""
     rows = ["time,angle_rad,torque_Nm"]
     start = datetime(2026, 3, 2, 9, 30)
     for number, (theta, torque) in enumerate(zip(READS["theta"], READS["torque"], strict=True)):

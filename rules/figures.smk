@@ -11,7 +11,13 @@ from osl_analysis.commands.figure import (
     plot_walking_page,
     write_captions,
 )
-from osl_analysis.commands.report import write_brief, write_methods, write_report
+from osl_analysis.commands.report import (
+    MethodsOutputs,
+    ReportFiles,
+    write_brief,
+    write_methods,
+    write_report,
+)
 from osl_analysis.commands.run import end_run
 from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.walking_settings import TimingSettings
@@ -283,16 +289,18 @@ rule report_page:
             output,
             log,
             inputs=dict(
-                trials=by_name(input.trials),
-                series=by_name(input.series),
-                crossings=by_name(input.crossings),
-                tables=by_name(input.tables),
-                figures=by_name(input.figures),
-                verdicts=input.verdicts,
-                excluded=input.excluded,
-                findings=input.findings,
-                states=input.states,
-                summary=input.summary,
+                files=ReportFiles(
+                    trials=by_name(input.trials),
+                    series=by_name(input.series),
+                    crossings=by_name(input.crossings),
+                    tables=by_name(input.tables),
+                    figures=by_name(input.figures),
+                    verdicts=input.verdicts,
+                    excluded=input.excluded,
+                    findings=input.findings,
+                    states=input.states,
+                    summary=input.summary,
+                ),
             ),
             arguments=dict(
                 about=params.about,
@@ -334,9 +342,11 @@ rule methods:
                 about=params.about,
                 settings=params.settings,
                 sheet=params.sheet,
-                markdown=Path(output.markdown),
-                tex=Path(output.tex),
-                bib=Path(output.bib),
+                outputs=MethodsOutputs(
+                    markdown=Path(output.markdown),
+                    tex=Path(output.tex),
+                    bib=Path(output.bib),
+                ),
             ),
         )
 

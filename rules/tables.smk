@@ -4,6 +4,8 @@
 from osl_analysis.commands.fit import derive
 from osl_analysis.commands.gains import select_trajectory
 from osl_analysis.commands.tables import (
+    HeadlineFacts,
+    HeadlineFiles,
     check_claims,
     gather,
     gather_findings,
@@ -271,19 +273,23 @@ rule headline_numbers:
             output,
             log,
             inputs=dict(
-                table_paths=by_name(input.table_paths),
-                trials=input.trials,
-                excluded=input.excluded,
-                findings=input.findings,
-                verdicts=input.verdicts,
+                files=HeadlineFiles(
+                    tables=by_name(input.table_paths),
+                    trials=input.trials,
+                    excluded=input.excluded,
+                    verdicts=input.verdicts,
+                    findings=input.findings,
+                ),
             ),
             arguments=dict(
-                about=params.about,
+                facts=HeadlineFacts(
+                    about=params.about,
+                    beside_draft=params.beside_draft,
+                    settings=params.settings,
+                    stated=params.stated,
+                    changed=params.changed,
+                ),
                 sheet=params.sheet,
-                beside_draft=params.beside_draft,
-                settings=params.settings,
-                stated=params.stated,
-                changed=params.changed,
                 summary_json=Path(output.summary_json),
                 numbers_tex=Path(output.numbers_tex),
             ),

@@ -2,7 +2,7 @@
 """The report of a run: its page, its methods section, and what a user must know at its end."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,20 +51,26 @@ from osl_analysis.report.verdicts import (
 from osl_analysis.stats.rounding import significant
 
 
+@dataclass(frozen=True)
+class ReportFiles:
+    """The results that the page shows."""
+
+    trials: FilesByName  # recordings by trial
+    series: FilesByName  # by trial, archives with signals and model on the bench
+    crossings: FilesByName  # by trial
+    tables: FilesByName
+    figures: FilesByName  # as SVG
+    verdicts: Path  # `quality.csv`
+    excluded: Path
+    findings: Path  # `findings.parquet`
+    states: Path  # `settings.csv`
+    summary: Path  # `summary.json`
+
+
 def write_report(
-    *,
+    files: ReportFiles,
     about: Mapping[str, str],
     sheet: Mapping[str, Mapping[str, Any]],
-    trials: FilesByName,
-    series: FilesByName,
-    crossings: FilesByName,
-    tables: FilesByName,
-    figures: FilesByName,
-    verdicts: Path,
-    excluded: Path,
-    findings: Path,
-    states: Path,
-    summary: Path,
     output: Path,
     refused: Sequence[NotAnalysed] = (),
     left_out: str = "",
@@ -73,47 +79,42 @@ def write_report(
 
     Parameters
     ----------
+    files : ReportFiles
     about : Mapping of str to str
         What the results are made of.
     sheet : Mapping of str to Mapping
         Rows of the sample sheet, also of excluded trials.
-    trials, series, crossings : Mapping of str to Path
-        By trial: recordings, archives with signals and model of bench trials, crossings.
-    tables, figures : Mapping of str to Path
-        Result tables and SVG files, by name.
-    verdicts, excluded, findings, states, summary : Path
-        `quality.csv`, `excluded.csv`, `findings.parquet`, `settings.csv` and `summary.json`.
     output : Path
     refused : Sequence of NotAnalysed
         What is missing, which these files tell.
     left_out : str
         Tells recordings that are not analysed.
     """
-    all_findings = read_findings([findings])
-    results = read_joined({**tables, "quality": verdicts}, all_findings)
-    content = read_summary_file(summary)
-    missing = left_out_trials(read_table(excluded))
+    all_findings = read_findings([files.findings])
+    results = read_joined({**files.tables, "quality": files.verdicts}, all_findings)
+    content = read_summary_file(files.summary)
+    missing = left_out_trials(read_table(files.excluded))
     findings_of = findings_by_trial(all_findings)
     rows_of = {name: rows_by_trial(table) for name, table in results.items()}
     views = []
     for trial, row in sheet.items():
         of_trial = {name: rows[trial] for name, rows in rows_of.items() if trial in rows}
-        recordings = [files[trial] for files in (crossings, trials) if trial in files]
+        recordings = [named[trial] for named in (files.crossings, files.trials) if trial in named]
         views.append(
             trial_view(
                 row,
                 of_trial,
                 findings_of.get(trial, ()),
                 missing.get(trial),
-                plotted_signals(row, of_trial, series.get(trial), recordings),
+                plotted_signals(row, of_trial, files.series.get(trial), recordings),
             )
         )
     numbers = numbers_in_summary(content)
     counts = verdicts_sentence(content["verdicts"], content["results_of_clear"])
     sentences = headline_sentences(numbers, by_condition=not content["answer"])
     texts = list(filter(None, [content["answer"], *sentences]))
-    drawn, absent = drawn_figures(figures)
-    unstated = read_table(states).cast(pl.String).filter(state="assumed")
+    drawn, absent = drawn_figures(files.figures)
+    unstated = read_table(files.states).cast(pl.String).filter(state="assumed")
     assumed = [f"{name} {value}" for name, value in unstated.select("setting", "value").rows()]
     note = f"Assumed, since nobody stated it: {', '.join(assumed)}." if assumed else ""
     of_conditions = conditions(results["impedance"]) if "impedance" in results else []
@@ -137,15 +138,22 @@ def write_report(
     write_text(output, written_page(page))
 
 
+@dataclass(frozen=True)
+class MethodsOutputs:
+    """The text of a methods section in each format, and its references."""
+
+    markdown: Path
+    tex: Path
+    bib: Path
+
+
 def write_methods(
     about: Mapping[str, str],
     settings: Mapping[str, Any],
     sheet: Mapping[str, Mapping[str, Any]],
     tables: FilesByName,
     summary: Path,
-    markdown: Path,
-    tex: Path,
-    bib: Path,
+    outputs: MethodsOutputs,
     captures: Sequence[Path] = (),
 ) -> None:
     """Write what the campaign did as the text of a methods section.
@@ -162,8 +170,7 @@ def write_methods(
         Result tables, by name.
     summary : Path
         `summary.json`.
-    markdown, tex, bib : Path
-        The files to write.
+    outputs : MethodsOutputs
     captures : Sequence of Path
         Crossings, the first of which tells the rates of markers and plate.
     """
@@ -176,9 +183,9 @@ def write_methods(
         rates_hz=rates_of(captures[0]) if captures else {},
     )
     marked = methods.paragraphs(facts)
-    write_text(markdown, methods.to_markdown(marked))
-    write_text(tex, methods.to_tex(marked))
-    write_text(bib, methods.to_bibtex())
+    write_text(outputs.markdown, methods.to_markdown(marked))
+    write_text(outputs.tex, methods.to_tex(marked))
+    write_text(outputs.bib, methods.to_bibtex())
 
 
 def rates_of(crossing: Path) -> dict[str, str]:

@@ -5,7 +5,7 @@ their columns mean."""
 import json
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -264,59 +264,59 @@ def list_excluded(
     return with_places(listed, places)
 
 
+@dataclass(frozen=True)
+class HeadlineFiles:
+    """The results that headline numbers are made of."""
+
+    tables: FilesByName  # those that the campaign has
+    trials: Sequence[Path]  # as Parquet, which have the digests of recordings
+    excluded: Path
+    verdicts: Path  # `quality.csv`
+    findings: Path  # `findings.parquet`
+
+
+@dataclass(frozen=True)
+class HeadlineFacts:
+    """What a reader must know of a campaign's numbers."""
+
+    about: Mapping[str, str]  # what they are made of
+    beside_draft: bool  # whether the numbers of the paper's draft stand beside them
+    settings: Mapping[str, str]  # that results depend on, by dotted name
+    stated: Mapping[str, str | None]  # the digests of what is stated
+    changed: Sequence[Mapping[str, Any]]  # what decides verdicts and is not the shipped default
+
+
 def write_summary(
-    *,
-    about: Mapping[str, str],
-    table_paths: FilesByName,
+    files: HeadlineFiles,
+    facts: HeadlineFacts,
+    sheet: Mapping[str, Mapping[str, Any]],
     summary_json: Path,
     numbers_tex: Path,
-    sheet: Mapping[str, Mapping[str, Any]],
-    excluded: Path,
-    verdicts: Path,
-    findings: Path,
-    beside_draft: bool,
-    settings: Mapping[str, str],
-    stated: Mapping[str, str | None],
-    changed: Sequence[Mapping[str, Any]] = (),
-    trials: Sequence[Path] = (),
     refused: Sequence[NotAnalysed] = (),
 ) -> None:
     """Write headline numbers of a campaign, and what a reader must know of them.
 
     Parameters
     ----------
-    about : Mapping of str to str
-        What the numbers are made of.
-    table_paths : Mapping of str to Path
-        The result tables that the campaign has, by name.
-    summary_json, numbers_tex : Path
-        The files to write, both or none.
+    files : HeadlineFiles
+    facts : HeadlineFacts
     sheet : Mapping of str to Mapping
         The row of every trial of the sample sheet, also of those that it excludes.
-    excluded, verdicts, findings : Path
-        `excluded.csv`, `quality.csv` and `findings.parquet`.
-    beside_draft : bool
-        Whether the numbers of the paper's draft stand beside them.
-    settings : Mapping of str to str
-        The settings that results depend on, by dotted name.
-    stated : Mapping of str to str or None
-        The digests of what is stated.
-    changed : Sequence of Mapping
-        What decides verdicts and is not the shipped default.
-    trials : Sequence of Path
-        The trials (Parquet), which have the digests of recordings.
+    summary_json, numbers_tex : Path
+        The files to write, both or none.
     refused : Sequence of NotAnalysed
         The causes of missing tables.
     """
-    all_findings = read_findings([findings])
-    tables = read_joined(table_paths, all_findings)
-    numbers = list(headline_numbers(tables, beside_draft))
-    left_out = left_out_trials(read_table(excluded))
+    all_findings = read_findings([files.findings])
+    tables = read_joined(files.tables, all_findings)
+    numbers = list(headline_numbers(tables, facts.beside_draft))
+    left_out = left_out_trials(read_table(files.excluded))
     of_files = [cause.reason.partition(": ") for cause in refused if not cause.trial]
     verdict_count, results_of_clear = verdict_counts(sheet, all_findings, left_out)
-    findings_told = causes_in_campaign(all_findings, tables, read_table(verdicts))
-    decides = trace(stated, trials, {name: row["experiment"] for name, row in sheet.items()})
-    about = {**about, "digest": digest_of([stated, decides["recordings"], code()])}
+    findings_told = causes_in_campaign(all_findings, tables, read_table(files.verdicts))
+    experiments = {name: row["experiment"] for name, row in sheet.items()}
+    decides = trace(facts.stated, files.trials, experiments)
+    about = {**facts.about, "digest": digest_of([facts.stated, decides["recordings"], code()])}
     content = {
         "trials": used_and_missing(sheet, left_out),
         "verdicts": verdict_count,
@@ -325,8 +325,8 @@ def write_summary(
         "missing_results": {file: reason for file, _, reason in of_files},
         "intervals": intervals_text(tables),
         "findings": [vars(finding) for finding in findings_told],
-        "settings": settings,
-        "changed": changed,
+        "settings": facts.settings,
+        "changed": facts.changed,
         "trace": decides,
     }
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:

@@ -543,8 +543,63 @@ def _names_of(labels: Sequence[str]) -> list[str]:
     return [behind[label] if uses[behind[label]] == 1 else label for label in labels]
 
 
+BESIDE = ("_forces", "_force", "_plates", "_fp", "_grf", "_analogs", "_analog")
+"""What laboratories add to the name of a capture for a file of its force plates alone."""
+
+
+def files_of_trial(path: Path) -> list[Path]:
+    """A capture, and the file beside it that has its force plates."""
+    named = [path.with_name(f"{path.stem}{ending}{path.suffix}") for ending in BESIDE]
+    return [path, *(file for file in named if file.is_file())]
+
+
 def read(path: Path, source: C3dSource | None) -> Recording:
-    """Read a C3D file. Frame 0 and analog sample 0 are at 0 s."""
+    """Read a C3D file with those beside it. Frame 0 and analog sample 0 are at 0 s."""
+    _, *others = files_of_trial(path)
+    if not others:
+        return read_file(path, source)
+    without_plates = source.model_copy(update={"plates": ()}) if source is not None else None
+    recording = read_file(path, without_plates)
+    for file in others:
+        with naming(file):
+            recording = with_plates_of(recording, read_file(file, source))
+    return recording
+
+
+def with_plates_of(markers: Recording, forces: Recording) -> Recording:
+    """The markers of one file with the plates and analog channels of another.
+
+    Raises
+    ------
+    InputError
+        They are of other frames, or the first has plates of its own.
+    """
+    same = ("frames", "first_frame", "frame_rate_hz")
+    its, others = ({name: file.facts[name] for name in same} for file in (forces, markers))
+    if its != others or markers.plates:
+        raise InputError(
+            f"has frames {its['first_frame']:g} on, {its['frames']} at {its['frame_rate_hz']:g} Hz,"
+            f" the markers beside it {others['first_frame']:g} on, {others['frames']} at"
+            f" {others['frame_rate_hz']:g} Hz, and {len(markers.plates)} plates",
+            "export both of the same frames, or rename one if they are of two trials",
+        )
+    analogs = [channel for channel in forces.channels if channel.kind == Kind.SIGNAL]
+    facts = {
+        name: forces.facts[name] for name in ("samples_per_frame", "plates", "plate_zero_frames")
+    }
+    remarks = [*markers.loss.remarks, *forces.loss.remarks]
+    return replace(
+        markers,
+        channels=[*markers.channels, *analogs],
+        plates=forces.plates,
+        questions=[*markers.questions, *forces.questions],
+        facts={**markers.facts, **facts},
+        loss=replace(markers.loss, remarks=remarks),
+    )
+
+
+def read_file(path: Path, source: C3dSource | None) -> Recording:
+    """Read one C3D file."""
     data = path.read_bytes()
     header = parse_header(data)
     check_file_size(data, header)
@@ -604,4 +659,5 @@ FORMAT = Format(
     begins=re.compile(rb"[\0-\x1f]P").match,
     source=C3dSource,
     read=read,
+    files_in=files_of_trial,
 )

@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import count
 from operator import methodcaller
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -111,13 +112,14 @@ def number_of(keys: Mapping[str, Sequence[str]], name: str) -> float:
 
 def files_of_trial(path: Path) -> list[Path]:
     """An export of markers, and those beside it of its force plates and analog boards."""
-    beside = path.parent.glob(f"{glob_text(path.stem)}_[af]_*{path.suffix}")
-    return [path, *sorted(beside, key=lambda file: (len(file.stem), file.stem))]
-
-
-def glob_text(name: str) -> str:
-    """A name as a pattern that fits it alone."""
-    return re.sub(r"([*?\[])", r"[\1]", name)
+    files = [path]
+    for kind in ("a", "f"):
+        for number in count(1):
+            file = path.with_name(f"{path.stem}_{kind}_{number}{path.suffix}")
+            if not file.is_file():
+                break
+            files.append(file)
+    return files
 
 
 def read_tsv(path: Path, source: QualisysSource | None) -> Recording:

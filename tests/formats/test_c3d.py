@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from osl_analysis import formats
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.ingest.force_plates import wrench
-from osl_analysis.ingest.raw_files import read_converted
+from osl_analysis.ingest.raw_files import read_converted, recordings_in
 
 # Whole numbers, all different, none zero: 6 frames of 3 points of residual 0, 4 samples a frame.
 POINTS = np.arange(1.0, 73).reshape(6, 3, 4) * [1, 1, 1, 0]
@@ -354,6 +354,28 @@ def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path
     stated["plate_geometry"][1]["corners"] = LEVEL.tolist()
 
     assert wrench_of(path, **stated) == WRENCH
+
+
+@pytest.mark.parametrize("ending", ["_forces", "_fp"])
+def test_markers_and_plates_in_two_files_of_one_trial_are_one_recording(tmp_path, ending):
+    markers = write_c3d(tmp_path / "walk.c3d", POINTS)
+    plate_file(tmp_path).rename(tmp_path / f"walk{ending}.c3d")
+
+    samples = read(markers, plates=[1]).samples
+
+    np.testing.assert_allclose(samples["marker_M2_x"].drop_nulls(), POINTS[:, 1, 0] / 1000)
+    assert samples.select("^plate1_(force|moment)_[xyz]$").row(3) == WRENCH
+    assert recordings_in(tmp_path) == [markers]
+
+
+def test_files_of_other_frames_are_not_taken_for_one_trial(tmp_path):
+    markers = write_c3d(tmp_path / "walk.c3d", POINTS[:4])
+    plate_file(tmp_path).rename(tmp_path / "walk_forces.c3d")
+
+    said = refused(markers)
+
+    assert "walk_forces.c3d" in said
+    assert "6 at 100 Hz, the markers beside it 1 on, 4" in said
 
 
 @pytest.mark.parametrize("unit", ["V", "N"])

@@ -21,14 +21,15 @@ from osl_analysis.judge.rules import K_UNLIKE_SHEET, Beyond, Grade
 from osl_analysis.stats.budget import own_size
 from osl_analysis.stats.doubts import DOUBTS, doubts_about
 from osl_analysis.stats.rounding import places_of, significant, to_places
+from osl_analysis.stats.sources import Source
 
 FitRow = Mapping[str, Any]  # of `impedance.csv`, of the fit to all of a trial
 
 ARM = ("joint", "side", "controller")
 CONDITION_OF_REPEATS = (*ARM, "K_d", "B_d", "excitation")
 
-UNLIKE = "unlike_other_trials"
-FACTOR = "common_factor"
+UNLIKE = Source.UNLIKE_OTHER_TRIALS
+FACTOR = Source.COMMON_FACTOR
 
 MOST_SCATTERS = 7.0  # times the median standard deviation of conditions, from the median of one
 UNKNOWN_SCATTER = 3.0  # times what is needed: by how much repeats may differ where it is not

@@ -16,8 +16,9 @@ import polars as pl
 from osl_analysis.base.table import not_analysed
 from osl_analysis.judge.known_findings import Texts, known_finding
 from osl_analysis.judge.rules import AnyRow, Beyond, Grade, cell_number
+from osl_analysis.stats.sources import Source
 
-WIDE_INTERVAL = "wide_interval"  # source of a remark: an interval is wider than is needed
+WIDE_INTERVAL = Source.WIDE_INTERVAL  # source of a remark: an interval is wider than is needed
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Finding:
     []
     """
 
-    source: str
+    source: Source
     table: str = ""
     subject: str = ""
     grade: Grade = Grade.DOUBTS
@@ -92,6 +93,7 @@ class Finding:
 # The table of findings
 
 GRADES = pl.Enum([grade.value for grade in Grade])
+SOURCES = pl.Enum([source.value for source in Source])  # a name that there is not is refused
 COLUMNS: Mapping[str, Any] = {
     "finding": pl.Int64,  # its number; a finding has a row for each of its numbers, or one
     "table": pl.String,
@@ -99,7 +101,7 @@ COLUMNS: Mapping[str, Any] = {
     "joint": pl.String,
     "side": pl.String,
     "amplitude_deg": pl.Float64,  # null: all of the trial
-    "source": pl.String,
+    "source": SOURCES,
     "grade": GRADES,
     "estimates": pl.List(pl.String),  # that it concerns; empty: all of the fit
     "evidence": pl.String,  # the column, or the check, whose number is beyond its limit
@@ -125,7 +127,7 @@ def findings_table(findings: Iterable[Finding]) -> pl.DataFrame:
             "joint": finding.joint,
             "side": finding.side,
             "amplitude_deg": finding.amplitude_deg,
-            "source": finding.source,
+            "source": Source(finding.source).value,
             "grade": finding.grade.value,
             "estimates": list(finding.estimates),
             "cause": finding.cause,
@@ -155,7 +157,7 @@ def findings_in(table: pl.DataFrame) -> list[Finding]:
         numbers = evidence.select("evidence", "value", "limit", "probability").rows()
         findings.append(
             Finding(
-                source=row["source"],
+                source=Source(row["source"]),
                 table=row["table"],
                 subject=row["trial"],
                 joint=row["joint"],
@@ -187,7 +189,7 @@ def read_findings(paths: Iterable[Path]) -> list[Finding]:
 def view_of(table: pl.DataFrame) -> pl.DataFrame:
     """A table of findings as CSV can hold it, for people: with the estimates in one text."""
     estimates = pl.col("estimates").list.join(", ").replace("", None)
-    return table.with_columns(estimates, pl.col("grade").cast(pl.String))
+    return table.with_columns(estimates, pl.col("grade", "source").cast(pl.String))
 
 
 def fit_of(row: AnyRow) -> tuple[str, float | None]:

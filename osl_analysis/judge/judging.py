@@ -289,7 +289,7 @@ def of_numbers(numbers: Numbers) -> list[Finding]:
         remedies = [number.rule.remedy for number in evidence if number.rule]
         ends = [number.column for number in evidence if number.rule and number.rule.is_of_estimate]
         finding = Finding(
-            source=name,
+            source=Source(name),
             grade=grade,
             evidence=tuple(evidence),
             estimates=tuple(end.removesuffix("_high") for end in ends),
@@ -335,7 +335,9 @@ def properties_of(estimates: Sequence[Judged], predicted: Sequence[Judged] = ())
 def of_estimates(name: str, grade: Grade, evidence: Sequence[Beyond], size: str) -> Finding:
     """A finding about the estimates of its evidence alone."""
     estimates = tuple(number.column for number in evidence)
-    return Finding(name, grade=grade, evidence=tuple(evidence), estimates=estimates, size=size)
+    return Finding(
+        Source(name), grade=grade, evidence=tuple(evidence), estimates=estimates, size=size
+    )
 
 
 def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
@@ -346,6 +348,6 @@ def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
             texts = [f"{estimate.name} {each.per}"] if each.per else []
             sizes.setdefault(each.source, []).extend(texts)
     return [
-        Finding(source, grade=Grade.UNCHECKED, size=", ".join(texts))
+        Finding(Source(source), grade=Grade.UNCHECKED, size=", ".join(texts))
         for source, texts in sizes.items()
     ]

@@ -106,6 +106,11 @@ def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude():
     assert shared[DOUBTS].to_list() == [[late_K, friction_B]] * 2 + [[friction_B]] * 2
 
 
+def test_a_finding_of_a_source_that_there_is_not_is_no_row_of_the_table():
+    with pytest.raises(ValueError, match="late_torqe"):
+        findings_table([Finding("late_torqe", "impedance", "a")])
+
+
 def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
     summary = tmp_path / "summary.json"
     summary.write_text("{}")

@@ -123,7 +123,9 @@ def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     limit = max(SPIKE_SHARE * (high - low), SPIKE_BENDS * bend)
     comes_back = steps[1:-2] * steps[2:-1] < 0
     is_alone = comes_back & (smaller > np.maximum(limit, around))
-    may_recur = is_alone | (np.abs(values - middle) > FAR_OFF * (high - low))
+    # of distinct values, since a short motion before a long rest is not far off
+    lowest, highest = np.quantile(np.unique(usual), (0.05, 0.95))
+    may_recur = is_alone | (np.abs(values - middle) > FAR_OFF * (highest - lowest))
     if not may_recur.any():
         return may_recur
     found, counts = np.unique(values[may_recur], return_counts=True)

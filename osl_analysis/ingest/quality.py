@@ -348,7 +348,12 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
     reference = recorded(trial, by)
     if turns and reference[0].size:
         runs = standing_runs(at, angle, reference, SENSORS.clear_change)
-        seconds[examined.moved] = longest_s(at, runs[runs[:, 1] == angle.size])
+        is_last = runs[:, 1] == angle.size
+        rests = repeats(angle)
+        before_last_s = longest_s(at, rests[rests[:, 1] != angle.size])
+        standing_s = longest_s(at, runs[is_last])
+        # on the last of several stairs a joint rests as on the others
+        seconds[examined.moved] = standing_s if standing_s > before_last_s else 0.0
     elif angle.size and (experiment.motion or experiment.tables):
         seconds[examined.moved] = 0.0 if turns else np.ptp(at)
     return seconds

@@ -117,9 +117,12 @@ USUAL_BEND = 0.99
 # was. A corner of a sound curve changes it by the largest of its third differences or more.
 LARGEST_TURN = 0.5
 FEWEST_SAMPLES = 400  # of fewer, the third differences of one leap would be usual ones
+# quantiles of a channel between which its range is taken, without what leaps
+MOST_OF_RANGE = (0.005, 0.995)
+MOVES_S = 0.1  # s, within which a channel moves by more than it creeps (`LEAST_CHANGE`), or rests
 LONGEST_SPAN = 1.17  # of a third difference, in usual ones: over a longer one rows are missing
-# s, of a leap, where a joint turns: half a period of 5 Hz
-AROUND_TURN_S = 0.1
+# s, of a leap, where a joint turns: half a period of 5 Hz, and less where a motion begins or ends
+AROUND_TURN_S = np.array([[0.1], [0.05], [0.025]])
 EVEN_TURN = 0.5  # least share of the longer of both ways, which are as long where a joint turns
 STEP_ROWS = 5  # around a leap, over which friction changes the torque
 
@@ -128,8 +131,9 @@ def find_leaps(time: Array, values: Array) -> Array:
     """Find the samples of a channel that leap off the curve of their neighbours.
 
     The curve is told by third differences, which a smooth motion hardly has. They are compared
-    with the channel's own usual one, so that neither noise nor a coarse sensor is accused. Samples
-    that leap there and back alone are told before (`measured.spoiled`).
+    with the channel's own usual one where it moves, so that neither noise nor a coarse sensor nor a
+    motion before a long rest is accused. Samples that leap there and back alone are told before
+    (`measured.spoiled`).
 
     Parameters
     ----------
@@ -151,8 +155,11 @@ def find_leaps(time: Array, values: Array) -> Array:
 
     is_spoiled = spoiled(values)
     single = time[is_spoiled]
-    time = time[~is_spoiled]
-    bends = np.diff(values[~is_spoiled], 3)
+    time, values = time[~is_spoiled], values[~is_spoiled]
+    is_moving = moving(time, values)
+    if is_moving.sum() >= FEWEST_SAMPLES:
+        time, values = time[is_moving], values[is_moving]
+    bends = np.diff(values, 3)
     spans = time[3:] - time[:-3]
     bends[spans > LONGEST_SPAN * np.median(spans)] = 0.0
     sizes = np.abs(bends)
@@ -168,6 +175,17 @@ def find_leaps(time: Array, values: Array) -> Array:
     return np.sort(np.append(single, time[far[is_straight_on & is_middle] + 2]))
 
 
+def moving(time: Array, values: Array) -> NDArray[np.bool_]:
+    """Where a channel (n,) moves: its range within `MOVES_S` is more than it creeps by at rest."""
+    rows = max(round(MOVES_S * time.size / np.ptp(time)), 3)
+    ranges = scipy.ndimage.maximum_filter1d(values, rows) - scipy.ndimage.minimum_filter1d(
+        values, rows
+    )
+    creeping = LEAST_CHANGE * np.ptp(np.quantile(values, MOST_OF_RANGE))
+    is_moving: NDArray[np.bool_] = ranges > creeping
+    return is_moving
+
+
 def steps_by_friction(
     leaps: Array, angle: tuple[Array, Array], torque: tuple[Array, Array]
 ) -> NDArray[np.bool_]:
@@ -176,7 +194,7 @@ def steps_by_friction(
     values."""
     before = np.interp(leaps, *angle) - np.interp(leaps - AROUND_TURN_S, *angle)
     behind = np.interp(leaps, *angle) - np.interp(leaps + AROUND_TURN_S, *angle)
-    ways = np.array([before, behind])
+    ways = np.array([before, behind])  # (2, 3, k): before and behind, at each distance
     lower, higher = np.sort(np.abs(ways), axis=0)
     is_turn = lower > EVEN_TURN * higher
     time, values = torque
@@ -185,7 +203,7 @@ def steps_by_friction(
     step = beside[:, -1] - beside[:, 0]
     is_step = 2 * np.abs(step) > np.ptp(beside, axis=1)  # a wrong number comes back
     is_along = (ways * step < 0).all(axis=0)  # up in a trough, down at a peak
-    return is_step & is_turn & is_along
+    return is_step & (is_turn & is_along).any(axis=0)
 
 
 # Channels that repeat one value: a sensor at an end of its range, and one that stands still.

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import RATE, made_trial, noise
+from any_motion import RATE, chirp, made_trial, multisine, noise, sines
 from conftest import findings_on, joint_trial, white_noise
 from scipy.interpolate import CubicSpline
 from shipped import CONFIG
@@ -192,3 +192,40 @@ def test_a_recording_that_ends_in_motion_leaves_white_noise_to_its_end():
 
     *rest, last = (np.mean(part**2) for part in np.array_split(residual, 8))
     assert last == pytest.approx(np.mean(rest), rel=0.2)
+
+
+# ---- the zero of torque and of angle
+
+
+MOTIONS = {
+    "noise": lambda rng: noise(rng, rate=500.0),
+    "chirp": lambda rng: chirp(rng, rate=500.0),
+    "periods": lambda rng: multisine(rng, rate=500.0),
+    "three sines": lambda rng: sines(rng, [0.7, 1.9, 4.3], rate=500.0),
+    "gait": lambda rng: sines(rng, np.arange(1, 7) / 1.1, rate=500.0),
+}
+
+
+@pytest.mark.parametrize("column", ["torque", "theta"])
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_constant_of_torque_or_angle_changes_no_estimate_range_or_verdict(motion, column):
+    """A constant of three standard deviations, as of a load cell without tare."""
+    rng = np.random.default_rng(7)
+    trial = made_trial(rng, MOTIONS[motion](rng), bits=17)
+    step = 2 * np.pi / 2**17
+    offset = np.ceil(3 * trial.samples[column].std() / step) * step  # a whole number of steps
+    moved = replace(trial, samples=trial.samples.with_columns(pl.col(column) + offset))
+
+    tables, others = (tables_of(each) for each in (trial, moved))
+    row, other = (each["impedance"].row(-1, named=True) for each in (tables, others))
+
+    for name in ("K", "B", "I"):
+        ends = [f"{name}_low", f"{name}_high"]
+        assert [other[end] for end in ends] == pytest.approx([row[end] for end in ends], rel=1e-6)
+        assert other[name] == pytest.approx(row[name], rel=1e-6)
+        width = row[f"{name}_range_high"] - row[f"{name}_range_low"]
+        assert other[f"{name}_range_high"] - other[f"{name}_range_low"] == pytest.approx(
+            width, rel=0.01
+        )
+    assert causes_of(others) == causes_of(tables)
+    assert causes_of(others, Grade.NOTES) == causes_of(tables, Grade.NOTES)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import white_noise
 
-from osl_analysis.signals.plateaus import find_leaps
+from osl_analysis.signals.plateaus import find_leaps, steps_by_friction
 
 ROWS = 2000
 RATE_HZ = 200.0
@@ -88,3 +88,26 @@ def test_no_human_ankle_is_accused(recordings):
     for name, recording in ankles.items():
         time = np.arange(len(recording)) / 1e3
         assert [find_leaps(time, values).size for values in recording.T] == [0, 0], name
+
+
+def test_a_motion_before_a_long_rest_has_no_leaps():
+    """Nine tenths of the rows are rest, whose third differences are those of rounding alone."""
+    step = 1e-3
+    motion = step * np.round(np.sin(2 * np.pi * np.arange(2000) / 100) / step)
+    values = np.concatenate([motion, np.zeros(18_000)])
+    time = np.arange(values.size) / RATE_HZ
+
+    assert find_leaps(time, values).size == 0
+    wrong = changed(values, slice(700, 760), 3.0)
+    assert find_leaps(time, wrong) == pytest.approx([3.5, 3.8], abs=1.5 / RATE_HZ)
+
+
+def test_friction_steps_the_torque_also_where_a_motion_has_just_begun():
+    """It rests until 50 ms before its first turn, and goes on far behind it."""
+    time = np.arange(400) / 1000
+    angle = 0.02 - 5 * np.maximum(time - 0.2, -0.05) ** 2
+    torque = np.where(time < 0.2, 1.0, -1.0)  # down where the joint turns down
+    turn_s = np.array([0.2])
+
+    assert steps_by_friction(turn_s, (time, angle), (time, torque)).all()
+    assert not steps_by_friction(turn_s, (time, angle), (time, -torque)).any()

@@ -14,6 +14,7 @@ from c3d_builder import FACE, level_plates, write_c3d
 from conftest import ROOT, joint_trial, refused_with, white_noise
 from recognised_files import source_of
 from scipy import signal
+from scipy.ndimage import gaussian_filter1d
 from shipped import CONFIG, SETTINGS
 from stamp_recorders import rounded_to_bits
 
@@ -178,6 +179,11 @@ NUMBERS = np.arange(1000)
 LEVELS = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
 SEEN = with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan)
 # faults that begin or end in a leap of one sample: a rail out of nowhere, and a turn
+# 3 s on each of five
+STAIR = 1e-5 * np.rint(1e5 * gaussian_filter1d(np.repeat([0.01, 0.05, 0.1, 0.05, 0.02], 3000), 60))
+# a joint that relaxes on each of them
+CREEPING = 0.5 + 300 * STAIR * (1 + 0.2 * np.exp(-np.tile(np.arange(3000), 5) / 1500))
+STAIRS = pl.DataFrame({"time": np.arange(15_000) / RATE, "theta": STAIR, "torque": CREEPING})
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
 BARE = laboratory()["plate1_force_z"].to_numpy()
 STOOD_ON = 800 + white_noise(2000, 1)
@@ -240,6 +246,11 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
             {"dropout"} if (check, value) in {("saturation", 9), ("encoder_wrap", 2.0)} else set()
         )
         assert failed(checks) - {"protocol"} <= {check} | also
+
+
+def test_an_angle_that_rests_on_the_last_stair_as_on_the_others_is_not_frozen():
+    """The joint relaxes there, so that the torque changes."""
+    assert results(STAIRS, "impedance")["stuck"].value == 0.0
 
 
 def test_a_torque_that_leaps_to_an_end_of_its_range_is_of_no_failed_sensor():

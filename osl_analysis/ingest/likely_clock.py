@@ -270,7 +270,7 @@ def check_other_clocks(
     Returns
     -------
     apart
-        RMS [s] of the difference of each clock whose rate differs by `clock_apart` or more.
+        RMS [s] of the difference of each clock whose rate differs by `CLOCK.apart` or more.
     remarks
         A sentence each.
 

@@ -159,6 +159,8 @@ def test_a_cut_last_line_is_told(tmp_path, cut):
         ({"unit": "N*m"}, "kNm", False),
         ({"unit": "rad"}, "mrad", False),
         ({"unit": "N*m", "scale": 12.5}, "V", False),
+        ({"unit": "N*m", "scale": 1.09}, "N*m", False),
+        ({"unit": "N*m", "scale": 1.15}, "N*m", True),
     ],
 )
 def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(

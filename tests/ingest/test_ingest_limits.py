@@ -266,6 +266,7 @@ def test_a_clock_that_tells_seconds_or_stops_is_refused(time, is_refused):
 @pytest.mark.parametrize(("column", "largest"), [
     ("theta", 1e6), ("torque", 1e7), ("current", 1e5), ("omega_m", 1e5),
     ("marker_A_x", 1e3), ("plate1_force_z", 1e6), ("sync", 1e6),
+    ("K_1", 1e8), ("B_1", 1e8), ("reference_ankle_moment_left", 1e6), ("signal_emg", 1e9),
 ])  # fmt: skip
 def test_a_value_that_nothing_can_reach_is_refused(column, largest):
     """Two percent beyond, of the whole range from the least to the largest."""

@@ -82,12 +82,13 @@ class DraftedSource:
         torques = [entry for name, entry in self.named.items() if name.startswith("torque")]
         if not torques:  # the only one may be no measurement
             torques = [entry for entry in self.entries if TORQUE_NAME.search(f"{entry.fields}")]
-        return [
+        questions = [
             f"{entry.channel_name} is called like a current, an estimate or a command: name the"
             " torque of a load cell, or state `measured: true` of it, and of a current `scale`"
             for entry in torques
             if COMPUTED.search(f"{entry.fields} [{entry.fields['unit']}]")
         ]
+        return [*dict.fromkeys(questions)]  # the joints of one message have one name
 
     @property
     def text(self) -> str:

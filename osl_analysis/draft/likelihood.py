@@ -22,6 +22,7 @@ import numpy as np
 from osl_analysis.base.errors import quoted
 from osl_analysis.base.files import own_yaml
 from osl_analysis.base.measured import cycle_duration, spoiled, varies
+from osl_analysis.base.source_file import COMPUTED
 from osl_analysis.base.trial import COLUMNS, Array
 from osl_analysis.draft.recorded_channel import RecordedChannel, name_and_ending
 from osl_analysis.signals.filters import power_density, unfollowed_density
@@ -308,9 +309,16 @@ def decide_columns(guesses: Sequence[Guess]) -> None:
 
 
 def candidates(guesses: Sequence[Guess], column: str) -> list[Guess]:
-    """The guesses that may be a column; if the evidence for one alone leaves no doubt, that one."""
+    """The guesses that may be a column; if the evidence for one alone leaves no doubt, that one. A
+    torque that is called computed, as `effort`, is none beside one that is not."""
     clear = [guess for guess in guesses if guess.may_be(column, SURE)]
-    return clear if len(clear) == 1 else [guess for guess in guesses if guess.may_be(column)]
+    likely = [guess for guess in guesses if guess.may_be(column)]
+    if len(clear) == 1:
+        likely = clear
+    if column == "torque":
+        measured = [guess for guess in likely if not COMPUTED.search(name_of(guess.channel))]
+        likely = measured or likely
+    return likely
 
 
 def why_no_signal(guess: Guess, channels: Sequence[RecordedChannel]) -> str:

@@ -74,6 +74,22 @@ def test_what_is_commanded_is_never_named_as_measured(column):
     assert named == set()
 
 
+@pytest.mark.parametrize("computed", ["effort", "torque_from_current", "estimated_torque"])
+def test_a_measured_torque_goes_before_one_that_is_called_computed(computed):
+    """Whichever follows the angle more closely."""
+    channels = [
+        RecordedChannel("column", {"column": "joint_angle"}, "rad", numbers=READS["theta"]),
+        RecordedChannel("column", {"column": computed}, "N*m", numbers=READS["torque"]),
+        RecordedChannel(
+            "column", {"column": "wrench.torque.z"}, "N*m", numbers=1.1 * READS["torque"]
+        ),
+    ]
+
+    guesses = guessed_columns(channels)
+
+    assert [guess.is_sure and guess.column for guess in guesses][1:] == [False, "torque"]
+
+
 def test_an_angle_that_stands_and_a_torque_of_noise_are_no_signals():
     noise = white_noise(500, 2)
     still = RecordedChannel("column", {"column": "angle"}, "rad", numbers=np.full(500, 0.1))

@@ -93,10 +93,10 @@ rule fig3_numbers:
 if TIME_SERIES:
 
     rule fig4_numbers:
-        """The last seconds of one impedance trial, measured and modelled."""
+        """Ten seconds of one impedance trial, measured and modelled."""
         input:
-            FILES.checks([TIME_SERIES["trial"]]),
-            series=f"<results>/fits/impedance/{TIME_SERIES['trial']}.zip",
+            FILES.checks(TIME_SERIES.trials),
+            series=expand("<results>/fits/impedance/{trial}.zip", trial=TIME_SERIES.trials),
             table="<results>/tables/impedance.csv",
             findings=FILES.findings("impedance"),
         output:
@@ -105,8 +105,8 @@ if TIME_SERIES:
             "<logs>/figures/fig4_numbers.log",
         localrule: True
         params:
-            chosen=TIME_SERIES["chosen"],
-            excluded=lambda wildcards: excluded([TIME_SERIES["trial"]]),
+            chosen=TIME_SERIES.chosen,
+            excluded=lambda wildcards: excluded(TIME_SERIES.trials),
             made_by=MADE_BY,
         message:
             WITHOUT_EXCLUDED

@@ -6,7 +6,7 @@ The rules ask for them, as `FILES.rows("belt")`. Paths are relative to the folde
 """
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -242,26 +242,33 @@ class ResultFiles:
 # The trials that figures show as examples
 
 
-def time_series_example(campaign: Campaign) -> dict[str, str] | None:
-    """Choose the trial that Fig. 4 shows.
+@dataclass(frozen=True)
+class TimeSeriesExample:
+    """The trials of which Fig. 4 shows the first one that is not doubtful."""
+
+    trials: Sequence[str]
+    chosen: str  # why these, if the configuration does not name one
+
+
+def time_series_example(campaign: Campaign) -> TimeSeriesExample | None:
+    """Choose the trials that Fig. 4 may show: the one that the configuration names, else all.
 
     Returns
     -------
-    dict or None
-        `trial`, and `chosen`, why this one, if the configuration does not name it. None without
-        impedance trials.
+    TimeSeriesExample or None
+        None without impedance trials.
     """
     trials = campaign.trials("impedance")
     if not trials:
         return None
-    chosen = "the first impedance trial of the sheet"
     stated = campaign.config.figures.time_series
     named = matching(campaign, stated)
+    if named and stated:
+        return TimeSeriesExample(named[:1], "")
+    chosen = "the first impedance trial of the sheet that is not doubtful"
     if not named:
         chosen += "; the example of the configuration is not in it"
-    elif stated:
-        chosen = ""
-    return {"trial": (named or trials)[0], "chosen": chosen}
+    return TimeSeriesExample(trials, chosen)
 
 
 def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:

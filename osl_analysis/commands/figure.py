@@ -250,13 +250,36 @@ def fig3(
     return plotted_numbers("fig3", drawn, judged, read_table(summary))
 
 
-def fig4(series: Path, table: Path, chosen: str, findings: Sequence[Path]) -> pl.DataFrame:
-    """The numbers of Fig. 4: a part of the trial of these `series`, which are those of its reported
-    fit, and its row of `impedance.csv` with the `findings` on it; `chosen` says why it is this
-    trial."""
+def fig4(
+    series: Sequence[Path], table: Path, chosen: str, findings: Sequence[Path]
+) -> pl.DataFrame:
+    """The numbers of Fig. 4.
+
+    Parameters
+    ----------
+    series : Sequence of Path
+        Of the reported fits of the trials that may be shown. The first one that is not doubtful is,
+        or the first where all are.
+    table : Path
+        `impedance.csv`.
+    chosen : str
+        Why it is this trial.
+    findings : Sequence of Path
+        On the fits.
+
+    Returns
+    -------
+    DataFrame
+        A part of the trial, and its row of the table with the findings on it.
+    """
     fits = joined(read_table(table), "impedance", read_findings(findings))
-    of_trial = fits.filter(pl.col("amplitude_deg").is_null(), trial=series.stem)
-    samples = read_table(series, name="series").join(of_trial, how="cross")
+    whole_fits = fits.filter(pl.col("amplitude_deg").is_null())
+    doubtful_trials = set(whole_fits.filter(is_doubtful(whole_fits))["trial"])
+    clear = [file for file in series if file.stem not in doubtful_trials]
+    shown = clear[0] if clear else series[0]
+
+    row = whole_fits.filter(trial=shown.stem)
+    samples = read_table(shown, name="series").join(row, how="cross")
     samples = samples.with_columns(chosen=pl.lit(chosen or None, pl.String))
     return plotted_numbers("fig4", samples)
 

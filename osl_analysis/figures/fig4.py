@@ -1,23 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fig. 4: torque of one trial over time, measured and modelled."""
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.figures import style
 
 SHOWN_S = 10  # length of the part of a trial that is shown, as in the draft
+STEP_S = 1  # between the parts that are compared
 
 
 def points(series: pl.DataFrame) -> pl.DataFrame:
-    """The last ten seconds of a trial's own `series`, up to the last sample that is fitted; less
-    where the fit begins later.
+    """The ten seconds of a trial's `series` of which the fit uses most samples, the last of equals;
+    the whole of a shorter fit.
 
     Rows that are not fitted, such as rests and first cycles, have no modelled torque.
     """
-    fitted = series.drop_nulls("torque_model")["time"]
-    time = pl.col("time")
-    shown = series.filter(time.is_between(fitted[0], fitted[-1]), time >= fitted[-1] - SHOWN_S)
-    return shown.with_columns(time - time.first())
+    fitted_s = series.drop_nulls("torque_model")["time"].to_numpy()
+    first_s, last_s = fitted_s[[0, -1]]
+    ends_s = np.arange(last_s, min(first_s + SHOWN_S, last_s) - STEP_S / 2, -STEP_S)
+    counts = [np.count_nonzero((fitted_s > end - SHOWN_S) & (fitted_s <= end)) for end in ends_s]
+    end_s = ends_s[np.argmax(counts)]  # the first of equals, which ends last
+    begin_s = max(end_s - SHOWN_S, first_s)
+    shown = series.filter(pl.col("time").is_between(begin_s, end_s))
+    return shown.with_columns(pl.col("time") - pl.col("time").first())
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

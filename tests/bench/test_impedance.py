@@ -152,7 +152,7 @@ def test_fig4_shows_the_reported_fit_without_the_fixture(tmp_path):
     findings = [Finding("friction", "impedance", table["trial"][-1], estimates=("K",))]
     findings_table(findings).write_parquet(tmp_path / "findings.parquet")
 
-    shown = fig4(series, tmp_path / "impedance.csv", "the first", [tmp_path / "findings.parquet"])
+    shown = fig4([series], tmp_path / "impedance.csv", "the first", [tmp_path / "findings.parquet"])
 
     theta, torque = shown.drop_nulls("torque_model").select("theta_deg", "torque_model")
     theta = np.deg2rad(theta.to_numpy())

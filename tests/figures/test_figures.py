@@ -10,13 +10,16 @@ import polars as pl
 import pytest
 from conftest import ROOT, refused_with
 
-from osl_analysis.base.table import NOT_ANALYSED, read_table, write_table
+from osl_analysis.base.table import NOT_ANALYSED, read_table, write_table, write_tables
 from osl_analysis.bench.frequency_response import with_errors
 from osl_analysis.commands.figure import (
     draw_figure,
     plot_numbers,
     write_captions,
     write_figure,
+)
+from osl_analysis.commands.figure import (
+    fig4 as figure_4,
 )
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.figures import fig4, style
@@ -29,7 +32,7 @@ from osl_analysis.figures.drawing import (
     plotted_numbers,
 )
 from osl_analysis.figures.style import DOUBLE_COLUMN, SINGLE_COLUMN, paper_style
-from osl_analysis.judge.findings import Finding
+from osl_analysis.judge.findings import Finding, findings_table
 from osl_analysis.judge.joining import joined
 from osl_analysis.model.compensator import CONTROLLERS, PAPER_WEIGHT
 
@@ -400,13 +403,13 @@ def test_what_was_not_fitted_is_shaded():
 @pytest.mark.parametrize(
     ("fitted_s", "shown_s"),
     [
-        ([(3, 13), (16, 18)], (8, 18)),  # what lies between is shown, too
+        ([(3, 13), (16, 18)], (3, 13)),
+        ([(2, 4), (7, 14)], (4, 14)),  # what lies between is shown, too
+        ([(0, 19)], (9, 19)),  # the last of equals
         ([(3, 8)], (3, 8)),
     ],
 )
-def test_fig4_ends_with_the_last_sample_that_is_fitted_and_begins_ten_seconds_earlier(
-    fitted_s, shown_s
-):
+def test_fig4_shows_the_ten_seconds_of_which_most_is_fitted(fitted_s, shown_s):
     time = np.arange(0, 2000) / 100
     is_fitted = np.any([(time >= begin) & (time <= end) for begin, end in fitted_s], axis=0)
     torque = np.where(is_fitted, 1.0, np.nan)
@@ -416,6 +419,26 @@ def test_fig4_ends_with_the_last_sample_that_is_fitted_and_begins_ten_seconds_ea
 
     assert (points["torque"].min(), points["torque"].max()) == shown_s
     assert points["time"].to_list() == pytest.approx(points["torque"] - shown_s[0])
+
+
+def test_fig4_shows_the_first_trial_that_is_not_doubtful(tmp_path):
+    names = ["i_1", "i_2", "i_3"]
+    fits = pl.concat(time_series().head(1).with_columns(trial=pl.lit(name)) for name in names)
+    fits = fits.drop("time", "theta_deg", "torque", "torque_model", "is_doubtful")
+    write_table(fits.with_columns(amplitude_deg=NULL), tmp_path / "impedance.csv")
+    series = [tmp_path / f"{name}.zip" for name in names]
+    for number, archive in enumerate(series):
+        signals = time_series().select("time", "theta_deg", "torque_model", torque=pl.lit(number))
+        write_tables({archive / "series.csv": signals})
+    doubts = [Finding("friction", "impedance", name) for name in names]
+
+    shown = []
+    for count in (0, 1, 3):  # doubtful ones; where all are, the first is shown
+        findings_table(doubts[:count]).write_parquet(tmp_path / "findings.parquet")
+        numbers = figure_4(series, tmp_path / "impedance.csv", "", [tmp_path / "findings.parquet"])
+        shown.append((numbers["trial"][0], numbers["torque"][0]))
+
+    assert shown == [("i_1", 0), ("i_2", 1), ("i_1", 0)]
 
 
 def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():

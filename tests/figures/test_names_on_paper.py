@@ -118,15 +118,15 @@ def test_a_parameter_file_is_used_for_its_own_joint_only(tmp_path):
 
 def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     shown = time_series_example(campaign(tmp_path, TWO_JOINTS))
-    assert (shown["trial"], shown["chosen"]) == ("a", ""), "of two"
+    assert (shown.trials, shown.chosen) == (["a"], ""), "of two"
     knee = "k,impedance,pd,,,knee,k.csv,bench_csv\n"
     belt = campaign(tmp_path, "b,belt,,,,,b.csv,bench_csv\n")
     assert (time_series_example(belt), response_example(belt)) == (None, None)
     found = time_series_example(campaign(tmp_path, knee))
-    assert (found["trial"], bool(found["chosen"])) == ("k", True)
+    assert (found.trials, bool(found.chosen)) == (["k"], True)
     assert response_example(campaign(tmp_path, knee)) is None
     unstated = time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))
-    assert unstated["chosen"] not in ("", found["chosen"])
+    assert unstated.chosen not in ("", found.chosen)
 
 
 def test_the_hash_is_of_the_settings_and_of_the_files_that_they_name(tmp_path):

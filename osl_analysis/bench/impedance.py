@@ -230,8 +230,9 @@ def is_fitted_coarse(record: Record) -> bool:
     """Whether the fit takes the sums of the coarse record, with all effects.
 
     They move estimates of a motion that does not repeat itself by about a hundredth of their
-    half-widths at most, and are made once for fit, friction and range. The scatter of what repeats is that of the raw torque, whose noise is independent from row to row:
-    it needs the recorded rate.
+    half-widths at most, and are made once for fit, friction and range. The scatter of what repeats
+    is that of the raw torque, whose noise is independent from row to row: it needs the recorded
+    rate.
     """
     return record.groups.kind == "blocks" and record.coarse is not record
 

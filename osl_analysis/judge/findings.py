@@ -182,7 +182,8 @@ def read_findings(paths: Iterable[Path]) -> list[Finding]:
     findings = []
     for path in paths:
         if not not_analysed(path):
-            findings += findings_in(pl.read_parquet(path))
+            # a folder of results may have signs in its name that a pattern would have
+            findings += findings_in(pl.read_parquet(path, glob=False))
     return findings
 
 

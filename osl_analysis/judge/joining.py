@@ -108,7 +108,7 @@ def wide_estimates(findings: Iterable[Finding]) -> list[str]:
 
 
 def results_in(findings: Iterable[Finding]) -> list[str]:
-    """The sources that are properties of the device, in the order of `findings.yaml`."""
+    """The sources that are properties of the device, in the order of `words.yaml`."""
     sources = {finding.source for finding in findings if finding.is_result}
     return [source for source in FINDINGS if source in sources]
 

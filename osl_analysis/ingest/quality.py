@@ -326,6 +326,11 @@ def saturated(trial: Trial, torque: str = "torque", other: str = "theta") -> pl.
     return pl.lit(longest, pl.Int64).alias("saturated_samples")
 
 
+# times the longest rest before, up to which an angle rests on the last stair of a staircase: it has
+# no motion at its end, and the recorder is stopped by hand
+LAST_OF_RESTS = 2.0
+
+
 def measure_stuck(examined: Examined) -> dict[str, float]:
     """Longest time [s] that a channel repeats one value: a noisy one, while the joint moves if it
     ever does; and an angle from some time to the end, while its command or else the torque changes
@@ -352,8 +357,8 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
         rests = repeats(angle)
         before_last_s = longest_s(at, rests[rests[:, 1] != angle.size])
         standing_s = longest_s(at, runs[is_last])
-        # on the last of several stairs a joint rests as on the others
-        seconds[examined.moved] = standing_s if standing_s > before_last_s else 0.0
+        is_stair = standing_s <= LAST_OF_RESTS * before_last_s
+        seconds[examined.moved] = 0.0 if is_stair else standing_s
     elif angle.size and (experiment.motion or experiment.tables):
         seconds[examined.moved] = 0.0 if turns else np.ptp(at)
     return seconds

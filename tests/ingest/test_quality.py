@@ -179,11 +179,6 @@ NUMBERS = np.arange(1000)
 LEVELS = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
 SEEN = with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan)
 # faults that begin or end in a leap of one sample: a rail out of nowhere, and a turn
-# 3 s on each of five
-STAIR = 1e-5 * np.rint(1e5 * gaussian_filter1d(np.repeat([0.01, 0.05, 0.1, 0.05, 0.02], 3000), 60))
-# a joint that relaxes on each of them
-CREEPING = 0.5 + 300 * STAIR * (1 + 0.2 * np.exp(-np.tile(np.arange(3000), 5) / 1500))
-STAIRS = pl.DataFrame({"time": np.arange(15_000) / RATE, "theta": STAIR, "torque": CREEPING})
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
 BARE = laboratory()["plate1_force_z"].to_numpy()
 STOOD_ON = 800 + white_noise(2000, 1)
@@ -248,9 +243,18 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
         assert failed(checks) - {"protocol"} <= {check} | also
 
 
-def test_an_angle_that_rests_on_the_last_stair_as_on_the_others_is_not_frozen():
-    """The joint relaxes there, so that the torque changes."""
-    assert results(STAIRS, "impedance")["stuck"].value == 0.0
+@pytest.mark.parametrize(("last_s", "stuck_s"), [(3, 0.0), (9, 8.8)])
+def test_an_angle_that_rests_on_the_last_stair_as_on_the_others_is_not_frozen(last_s, stuck_s):
+    """The joint relaxes on each, so that the torque changes."""
+    levels = np.repeat([0.01, 0.05, 0.1, 0.05, 0.08], [3000] * 4 + [1000 * last_s])
+    stairs = 1e-5 * np.rint(1e5 * gaussian_filter1d(levels, 60))
+    since_step = np.concatenate([np.arange(3000)] * 4 + [np.arange(1000 * last_s)])
+    torque = 0.5 + 300 * stairs * (1 + 0.8 * np.exp(-since_step / 500 / last_s))
+    samples = {"time": np.arange(stairs.size) / RATE, "theta": stairs, "torque": torque}
+
+    checks = results(pl.DataFrame(samples), "impedance")
+
+    assert checks["stuck"].value == pytest.approx(stuck_s, abs=0.1)
 
 
 def test_a_torque_that_leaps_to_an_end_of_its_range_is_of_no_failed_sensor():

@@ -97,7 +97,8 @@ class Conversion(Settings):
     # Unit of the numbers, as laboratories spell it. Without it, the one that the file states.
     unit: str | None = None
     sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
-    # Units per count, a number or a fraction: 1/16384 with the unit rev for an encoder of 14 bits.
+    # Units per count, a number or products and quotients of numbers: 1/16384 with the unit rev for
+    # an encoder of 14 bits.
     scale: Annotated[PositiveFloat, BeforeValidator(of_fraction)] = 1.0
     # Offset that is added to the raw numbers before the scale, in the raw unit.
     offset: float = 0.0

@@ -40,6 +40,9 @@ ANY_CASE = re.compile(
 )
 
 
+NEWTONS = {"N": 1.0, "kilogram": 9.80665}  # by the SI unit of what a load cell at an arm is read in
+
+
 def si_factor(unit: str, expected: str) -> float:
     """Find the factor from a unit to an SI unit.
 
@@ -66,7 +69,15 @@ def si_factor(unit: str, expected: str) -> float:
     # from that of ns to that of N*m/mdeg; others are misspellings such as `Mm` and `MN`
     if si_unit != expected or not 1e-9 <= factor <= 1e5:
         measured = f"{factor:g} {si_unit}" if si_unit else "unknown"
-        raise InputError(f"unit '{shortened(unit)}' is {measured}", f"write one of {examples}")
+        remedy = f"write one of {examples}"
+        if expected == "N*m" and si_unit in NEWTONS:
+            force = factor * NEWTONS[si_unit]
+            scale = "ARM" if force == 1 else f"ARM*{force:.6g}"
+            remedy = (
+                f"a torque is a force times its arm: write `unit: N*m` and `scale: {scale}`, with"
+                " the arm in m for ARM"
+            )
+        raise InputError(f"unit '{shortened(unit)}' is {measured}", remedy)
     return factor
 
 

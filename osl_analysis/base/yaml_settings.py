@@ -327,14 +327,19 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
 
 
 def of_fraction(value: object) -> object:
-    """A number that may be written as a fraction, such as `1/4096` and `1/41232.2`."""
+    """A number that may be written as products and quotients of numbers, from left to right, such
+    as `1/4096` and `0.25*9.80665/32768`."""
     if not isinstance(value, str):
         return value
-    above, _, below = value.partition("/")
+    first, *rest = re.split(r"([*/])", value)
     try:
-        return float(Fraction(above) / Fraction(below or 1))
+        number = Fraction(first)
+        for sign, text in zip(rest[::2], rest[1::2], strict=True):
+            factor = Fraction(text)
+            number = number * factor if sign == "*" else number / factor
+        return float(number)
     except (ValueError, ArithmeticError) as error:
-        raise ValueError("write a number or a ratio such as 83/18 or 1/4096") from error
+        raise ValueError("write a number, or numbers with * and /, such as 83/18") from error
 
 
 def misplaced(reason: str, *place: str) -> PydanticCustomError:

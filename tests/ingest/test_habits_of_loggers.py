@@ -9,8 +9,9 @@ from mcap_builder import stamped, write_log
 from recognised_files import refusal_by, source_of
 
 import osl_analysis as osl
-from osl_analysis.base.errors import Advice
+from osl_analysis.base.errors import Advice, InputError
 from osl_analysis.base.trial import Trial
+from osl_analysis.base.units import si_factor
 from osl_analysis.ingest.batches import spread_batches
 from osl_analysis.ingest.guard import check_sign
 from osl_analysis.ingest.likely_clock import beginnings, unwrapped
@@ -172,11 +173,28 @@ def test_a_torque_of_one_sign_that_the_motion_does_not_explain_with_two_passes(t
 
 
 @pytest.mark.parametrize(
-    ("scale", "expected"), [("1/41232.2", 1 / 41232.2), ("0.5/3", 1 / 6), ("2.5", 2.5)]
+    ("scale", "expected"),
+    [
+        ("1/41232.2", 1 / 41232.2),
+        ("0.5/3", 1 / 6),
+        ("2.5", 2.5),
+        ("0.25*9.80665", 2.4516625),
+        ("0.25*9.80665/32768*2", 2.4516625 / 16384),
+    ],
 )
-def test_a_scale_is_a_number_or_a_ratio_of_numbers(scale, expected):
+def test_a_scale_is_a_number_or_products_and_quotients_of_numbers(scale, expected):
     torque = {"column": "adc", "unit": "N*m", "scale": scale}
 
     source = source_of("csv", time={"rate": 100}, channels={"torque": torque})
 
     assert source.channels["torque"].scale == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale"), [("kg", "ARM*9.80665"), ("N", "ARM`"), ("g", "ARM*0.00980665")]
+)
+def test_a_force_or_a_mass_is_no_torque_until_its_arm_is_stated(unit, scale):
+    with pytest.raises(InputError) as refused:
+        si_factor(unit, "N*m")
+
+    assert f"unit: N*m` and `scale: {scale}" in str(refused.value)

@@ -75,7 +75,7 @@ def perform(job: Job) -> None:
     with warnings.catch_warnings(record=True) as caught:
         show_advice_alone()
         try:
-            ending = outcome_of(job)
+            ending = run_and_record(job)
         except Exception as error:
             reason, remedy = reason_and_remedy(job, error)
             ending = {
@@ -98,7 +98,7 @@ def perform(job: Job) -> None:
         raise RuntimeError(ending["error"])
 
 
-def outcome_of(job: Job) -> dict[str, Any]:
+def run_and_record(job: Job) -> dict[str, Any]:
     """Call the function of a job, or write why it has no result; how it ended, for its log."""
     try:
         causes = run(job)

@@ -188,6 +188,16 @@ def test_a_name_that_snakemake_would_stop_at_is_refused(odd, tmp_path, name):
     assert is_refused == (PeriodicityDetector().is_periodic(name) is not None), said
 
 
+def test_nothing_of_snakemake_s_classes_is_imported_to_be_replaced():
+    """Rules import its error and its check of versions; the package its interface of loggers."""
+    internal = re.compile(r"^ *(?:from|import) (snakemake(?!_interface)\S*)", re.MULTILINE)
+    files = [*ROOT.glob("osl_analysis/**/*.py"), *ROOT.glob("rules/*.smk"), ROOT / "Snakefile"]
+
+    imported = {name for file in files for name in internal.findall(file.read_text())}
+
+    assert imported == {"snakemake.exceptions", "snakemake.utils"}
+
+
 def test_what_snakemake_does_not_document_was_tried_with_this_release():
     minor = tuple(map(int, version("snakemake").split(".")[:2]))
 

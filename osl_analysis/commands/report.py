@@ -194,7 +194,8 @@ def rates_of(crossing: Path) -> dict[str, str]:
     for signals, begin in CAPTURED.items():
         names = [name for name in pl.read_parquet_schema(crossing) if name.startswith(begin)]
         if names:
-            time = pl.read_parquet(crossing, columns=["time", names[0]]).drop_nulls()["time"]
+            columns = ["time", names[0]]
+            time = pl.read_parquet(crossing, columns=columns, glob=False).drop_nulls()["time"]
             if len(time) > 1:
                 rates[signals] = significant(1 / float(np.median(np.diff(time.to_numpy()))), 4)
     return rates

@@ -189,13 +189,13 @@ def test_a_name_that_snakemake_would_stop_at_is_refused(odd, tmp_path, name):
 
 
 def test_nothing_of_snakemake_s_classes_is_imported_to_be_replaced():
-    """Rules import its error and its check of versions; the package its interface of loggers."""
+    """Rules import its error and its check of versions, `osl-analysis run` its command line."""
     internal = re.compile(r"^ *(?:from|import) (snakemake(?!_interface)\S*)", re.MULTILINE)
     files = [*ROOT.glob("osl_analysis/**/*.py"), *ROOT.glob("rules/*.smk"), ROOT / "Snakefile"]
 
     imported = {name for file in files for name in internal.findall(file.read_text())}
 
-    assert imported == {"snakemake.exceptions", "snakemake.utils"}
+    assert imported == {"snakemake.cli", "snakemake.exceptions", "snakemake.utils"}
 
 
 def test_what_snakemake_does_not_document_was_tried_with_this_release():

@@ -287,7 +287,20 @@ def plate_of(
 
 
 def with_wanted_plates(recording: Recording, source: QualisysSource | None) -> Recording:
-    """The recording with the plates that a source file asks for."""
+    """The recording with the plates that a source file asks for; a question on those that seem to
+    have the force on the plate."""
+    if source is None:
+        pushed_down = [
+            str(plate.number)
+            for plate in recording.plates
+            if plate.type == EXPORTED and is_mostly_negative(plate.channels[2])
+        ]
+        if pushed_down:
+            question = (
+                f"the vertical force of plate {listing(pushed_down)} is negative, as of the force"
+                " on the plate: state `plate_sign: -1` in the source file"
+            )
+            return replace(recording, questions=[*recording.questions, question])
     if source is None or source.plates == "all":
         return recording
     known = {plate.number: plate for plate in recording.plates}
@@ -297,6 +310,12 @@ def with_wanted_plates(recording: Recording, source: QualisysSource | None) -> R
             f"has no force plate {listing(absent)}, and {len(known)} in all", "correct `plates`"
         )
     return replace(recording, plates=[known[number] for number in source.plates])
+
+
+def is_mostly_negative(channel: Channel) -> bool:
+    """Whether the largest reading of a channel is negative."""
+    values = channel.values
+    return bool(-np.nanmin(values) > np.nanmax(values))
 
 
 def read_columns(path: Path, source: MarkerColumnsSource | None) -> Recording:

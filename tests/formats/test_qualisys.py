@@ -183,6 +183,15 @@ def test_the_sign_and_the_plates_are_those_of_the_source_file(tmp_path):
     assert not [name for name in without.columns if name.startswith("plate")]
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_plate_with_the_force_on_it_is_asked_for(tmp_path, monkeypatch, sign):
+    monkeypatch.setattr(f"{__name__}.FORCE", sign * np.abs(FORCE))
+
+    (*questions,) = formats.read(write_tsv(tmp_path)).questions
+
+    assert ("`plate_sign: -1`" in " ".join(questions)) == (sign == -1)
+
+
 def longer(folder):
     text = (folder / "walk_f_1.tsv").read_text()
     (folder / "walk_f_1.tsv").write_text(

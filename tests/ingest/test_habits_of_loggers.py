@@ -142,6 +142,11 @@ def test_a_clock_that_goes_on_or_back_is_one_recording(readings):
     assert beginnings(readings).tolist() == [0]
 
 
+@pytest.mark.parametrize("rows", [25, 200])
+def test_a_clock_that_begins_anew_tells_where_each_recording_begins(rows):
+    assert beginnings(anew(rows)).tolist() == [0, rows, 2 * rows]
+
+
 # --- a torque without its sign ------------------------------------------------------------------
 
 TIME = np.arange(0, 30, 1 / 200)

@@ -288,6 +288,19 @@ def neighbour(kind, size):
     return Trial("made", trial.samples.with_columns(torque=pl.col("torque") + rubs))
 
 
+def test_noise_drawn_anew_hardly_moves_an_interval():
+    sines = np.deg2rad(3) * unit_sines([(hz, 14) for hz in (1, 2, 3, 4, 5)], RATE)
+    motion = smoothed(np.pad(sines, int(RATE)), 0.01)
+    fits = [
+        rendered_impedance(record_of_trial(made_trial(np.random.default_rng(k), motion), ANY)).whole
+        for k in range(16)
+    ]
+
+    low, high = np.quantile([fit.half_width("K") for fit in fits], [0.05, 0.95])
+    assert high < 2.5 * low
+    assert np.median([fit.budget("K").spread()[1] for fit in fits]) > 11
+
+
 @pytest.mark.parametrize(("kind", "sizes"), JUMPS)
 def test_no_estimate_and_no_interval_jumps(kind, sizes):
     fits = [rendered_impedance(record_of_trial(neighbour(kind, s), ANY)).whole for s in sizes]

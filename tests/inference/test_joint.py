@@ -93,6 +93,20 @@ def test_a_fault_is_named_by_its_family_and_a_sound_joint_has_none(change, famil
     assert family_of(found) == family
 
 
+def test_rest_at_a_level_is_no_end_of_the_torque():
+    """A filter rings by some steps of a coarse encoder where the joint comes to rest."""
+    rests = np.random.default_rng(2).integers(60, 240, 60)
+    levels = np.repeat(np.tile([0.07, -0.07], 30), rests)
+    motion = [scipy.ndimage.gaussian_filter1d(levels, 5.0, order=n) * 200.0**n for n in range(3)]
+    torque = np.array([40.0, 1.0, 0.01]) @ motion
+    step = 2 * np.pi / 2**11
+    read = np.round(motion[0] / step) * step
+
+    found = infer_impedance(BenchSignals(read, torque, 200.0, step))
+
+    assert "clipping" not in {fault.family for fault in found.alternatives}
+
+
 @pytest.mark.parametrize(("size", "families"), [(0.0, []), (0.15, ["direction"])])
 def test_models_are_tried_only_where_all_together_gain_something(size, families):
     found = changed(partial(stiffer_forwards, size=size))

@@ -261,16 +261,6 @@ class PlateUnits(Settings):
     length: LengthUnit | None = None
 
 
-class SharedAngle(Settings):
-    """An angle recorded by both log and motion capture. It aligns their clocks if there are no sync
-    edges."""
-
-    column: str
-    """Canonical column of the log with the angle. Its scale, sign and offset do not matter."""
-    markers: Annotated[tuple[str, str, str], AfterValidator(check_distinct)]
-    """Three markers of motion capture. The angle is at the second marker."""
-
-
 class ModelOutput(Conversion):
     """One component of a model output, such as a joint moment of Plug-in Gait, that is stored like
     a marker."""
@@ -373,12 +363,10 @@ class InAxes(Source):
 class LogSource(Source):
     """The source file of a log."""
 
-    clock: Literal["master", "sync", "shared", "common", "start"] = "master"
+    clock: Literal["master", "sync", "common", "start"] = "master"
     """How the log's clock is aligned to motion capture's, or that of a second log to the first.
     `master`: not; the log is the only file, or the first. `sync`: by the edges of the column
-    `sync`. `shared`: by the signal that motion capture's source file names under `shared`, or by
-    the column that both logs have. `common`: both count from one time. `start`: both begin at one
-    instant."""
+    `sync`. `common`: both count from one time. `start`: both begin at one instant."""
     # The recorded channel of each canonical column.
     channels: Annotated[Mapping[str, LogChannel], Field(min_length=1)]
     time: Time  # Where the time of a row or message comes from.
@@ -417,7 +405,6 @@ class MarkerSource(InAxes):
     markers: Literal["all"] | Annotated[tuple[str, ...], AfterValidator(check_distinct)] = "all"
     """The markers to read: all (every labelled point except model outputs), or a list of labels,
     which may be empty."""
-    shared: SharedAngle | None = None  # What aligns the clock of a log that says `clock: shared`.
 
 
 class LaboratorySource(MarkerSource):

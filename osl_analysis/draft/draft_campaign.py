@@ -137,7 +137,7 @@ def why_no_pair(
 
 ASK_CLOCK = (
     "`clock: start` in sources/{source}.yaml: both files of a trial are taken to begin at one"
-    " instant; check it, or write sync, shared or common (docs/own_data.md)"
+    " instant; check it, or write sync or common (docs/own_data.md)"
 )
 
 

@@ -16,7 +16,6 @@ from osl_analysis.ingest.clock import (
     ClockFit,
     Signal,
     aligned_clock,
-    correlate_clocks,
     find_edges,
     fit_clock,
     values_of,
@@ -88,22 +87,19 @@ def check_clocks(sources: Mapping[str, Source]) -> None:
     first, other = (sources[role] for role in roles_of(sources))
     columns = getattr(other, "channels", {}).keys()
     if "mocap" in sources:
-        shared = getattr(first, "shared", None)
-        has_angle = shared is not None and shared.column in columns
         has_sync = "sync" in columns & getattr(first, "analogs", {}).keys()
         has_times = first.format == "trc"
-        aligns = {"sync": has_sync or has_angle, "shared": has_angle, "common": has_times}
+        aligns = {"sync": has_sync, "common": has_times}
     else:
         both = columns & getattr(first, "channels", {}).keys()
-        aligns = {"sync": "sync" in both, "shared": bool(both), "common": True, "start": True}
+        aligns = {"sync": "sync" in both, "common": True, "start": True}
     clock = getattr(other, "clock", "")
     if not aligns.get(clock):
         raise InputError(
             f"{other.place('clock')}: '{clock}' does not align both recordings of the trial",
-            "write clock: sync and map the column sync in both source files, or clock: shared and"
-            " map a signal of both logs in both, or name an angle of the log under `shared` in that"
-            " of motion capture; of two logs also common, if they count from one time, or start, if"
-            " they begin at one instant",
+            "record a line with pulses of changing length by both, map it as the column sync in"
+            " both source files, and write clock: sync; of two logs also clock: common, if they"
+            " count from one time, or clock: start, if they begin at one instant",
         )
 
 
@@ -139,11 +135,10 @@ def joined_recordings(
     clock = getattr(sources[roles[1]], "clock", "")
     both = [column for column in master.origins if column in other.origins]
     twice = {*both} - {"sync"}
-    if twice and (clock != "shared" or "mocap" in recordings):
+    if twice:
         raise InputError(
             f"column '{min(twice)}' is mapped in both source files",
-            "remove it from one of them, or of two logs write `clock: shared` in that of log_2,"
-            " where both recorded the same signal",
+            "remove it from one of them",
         )
     remarks: list[str] = []
     if clock == "common":
@@ -151,15 +146,11 @@ def joined_recordings(
     elif clock == "start":
         fit = ClockFit(0.0, method=clock)
     elif "mocap" in recordings:
-        fit, remarks = aligned_clock(other, master, getattr(sources["mocap"], "shared", None))
+        fit = aligned_clock(other, master)
     else:
-        column = "sync" if clock == "sync" else both[0]
-        first = sampled(master, column, [*master.origins])
-        second = sampled(other, column, [name for name in other.origins if name not in both])
-        if clock == "sync":
-            fit = fit_clock(find_edges(*second), find_edges(*first))
-        else:
-            fit = correlate_clocks(second, first)
+        first = sampled(master, "sync", [*master.origins])
+        second = sampled(other, "sync", [name for name in other.origins if name != "sync"])
+        fit = fit_clock(find_edges(*second), find_edges(*first))
     rows = other.samples.drop(both)
     end_s = master.samples["time"][-1]
     if "mocap" in recordings:
@@ -171,7 +162,7 @@ def joined_recordings(
                 "check that they are of the same trial",
             )
     else:
-        remarks.append(remark_on_second(fit, both))
+        remarks.append(remark_on_second(fit))
         longer_s = fit.to_master(rows["time"][-1]) - end_s
         if abs(longer_s) > CUT_LOGS.longest_s:
             shorter = "log" if longer_s > 0 else "log_2"
@@ -181,15 +172,15 @@ def joined_recordings(
     return on_one_clock([master.samples, rows], [ClockFit(0.0), fit]), fit, remarks
 
 
-def remark_on_second(fit: ClockFit, both: Sequence[str]) -> str:
-    """What tells the clock of a second log, fitted by the first of the columns that `both` have."""
+def remark_on_second(fit: ClockFit) -> str:
+    """Say how the clock of the second log runs, or that nothing shows it."""
     if fit.drift_error is None:
         return UNKNOWN_CLOCK
     fast_ppm = -1e6 * fit.drift
     half_width_ppm = 1e6 * NORMAL_HALF_WIDTH * fit.drift_error
     return (
         f"log_2 begins {1e3 * fit.offset:.3f} ms after log, and runs {fast_ppm:.2f} ppm fast"
-        f" (within {half_width_ppm:.2g}), by {both[0]}"
+        f" (within {half_width_ppm:.2g}), by sync"
     )
 
 

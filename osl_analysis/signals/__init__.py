@@ -26,8 +26,8 @@ the other reading changes is a row of the budget (`undecided_time_stamps`).
 
 **Evidence for each choice** (`tests/signals`, recorders that share no code with the package):
 
-* *Three hypotheses, and all lags at once*: of 80 random logs by `stamp_recorders.recorded` (100 to
-  1000 Hz, 3 us to 1 ms of jitter, 3 to 9 decimals, ages, up to 1 % lost) none is firm with B off
+* *All lags at once*: of 80 random logs by `stamp_recorders.recorded` (100 to
+  1000 Hz, 3 us to 1 ms of jitter, 3 to 9 decimals, up to 1 % lost) none is firm with B off
   by 1 % or I by 3 %, and 5 are undecided. True stamps whose jitter their print hides are called
   even, to no effect.
 * *The rounding of printed stamps is taken off*: without it four decimals at 1 kHz read g = 0.92.

@@ -415,10 +415,10 @@ def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) 
     time = origins[names[0]].get("time") or of_file.get("time", {})
     choice = time.get("stamps", "auto")
     reading = next(
-        (Reading(*trial.clocks[name][:4]) for name in names if name in trial.clocks), None
+        (Reading(*trial.clocks[name][:3]) for name in names if name in trial.clocks), None
     )
     if choice != "auto":
-        reading = Reading(choice == "even", 0.0, True, f"stated: {choice}")
+        reading = Reading(choice == "even", True, f"stated: {choice}")
     counters = [name + COUNTER for name in names if name + COUNTER in trial.samples]
     name = ", ".join(names)
     files = trial.provenance.get("files", {})

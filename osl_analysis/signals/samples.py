@@ -292,7 +292,7 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
             counter=None,
         ),
         clock=clock,
-        reading=Reading(is_even, 0.0, is_even and is_known, why),
+        reading=Reading(is_even, is_even and is_known, why),
         delay=stated.get("delay", 0.0) + (-low if is_even else step / 2),
         held=held.period,
         unsure=0.0 if is_known else open_s,

@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How stamps are read: as even samples of a device, or as true times of some age.
+"""Decide whether a device sampled evenly or at its time stamps.
 
-The signal itself decides among three hypotheses. Even: the device samples evenly, and the stamps
-scatter by latency. True: the stamps are right. Aged: the values were taken `age` loops before their
-stamps, as if a bus answers a loop later.
+With f the fast part of the stamps, their deviation from a curve that is smooth over four blocks, a
+signal that was sampled at even times is independent of f. If the sampling time follows a share g_k
+of the fast part of the stamp k rows earlier, the signal x moves by
 
-A smooth curve over four blocks, the slow part of the stamps, is removed first. If the sampling time
-moves with a share g_k of the fast part f_k of the stamp k rows earlier, the signal x moves by the
-sum of g_k x' f_k. All g_k are 0 for even stamps, g_0 is 1 for true ones, and two neighbours share 1
-for an age between them. One-sided scatter does not decide: a loop with absolute deadlines is late,
-never early, and its stamps are true.
+    sum over k of g_k x'(t) f_k
+
+All g_k are 0 of even samples, and g_0 alone is 1 of true stamps. Least squares in blocks of 24 rows
+estimate g; a chi-square that is smaller by 30 decides. Values that are older than their stamps, as
+of a bus that answers a loop later, fit neither.
+
+One-sided scatter does not decide: a loop with absolute deadlines is late, never early, and its
+stamps are true.
+
+Example: with stamps 5 ms late at random at 100 Hz K is off by up to 2 % by the wrong choice, and by
+0.02 % by the right one.
 """
 
 from collections.abc import Mapping
@@ -26,11 +32,8 @@ from osl_analysis.signals.device_clock import DeviceClock
 LAGS = np.arange(-1, 3)
 MOST_BEFORE = LAGS[-1]  # rows before a block that a lag reaches
 MOST_BEHIND = -LAGS[0]  # rows behind it
-AGES = np.linspace(0, 2, 21)  # loops
-# Expected responses g_k (22, 4) at `LAGS`: of an even device, then of values of each of the `AGES`.
-HYPOTHESES = np.vstack(
-    [np.zeros(len(LAGS)), np.maximum(1 - np.abs(AGES[:, None] - LAGS), 0)],
-)
+# expected responses g_k (2, 4) at `LAGS`: of an even device, then of true stamps
+HYPOTHESES = np.vstack([np.zeros(len(LAGS)), LAGS == 0])
 ROWS = 24  # of a block, in which the signals tell how the stamps scatter
 CHUNKS = 20  # whose scatter gives the covariance; three blocks in each are the fewest
 MOTION_DEGREE = 5  # of the polynomials that a smooth motion follows in a block or a slope's window
@@ -41,8 +44,8 @@ MOST_SPEED_NOISE = 0.2  # share of the mean square of x'; noise pulls a response
 KNOWN = 0.25  # standard error of a response above which a signal tells no hypothesis apart
 NOT_LINEAR = 0.05  # standard error beside the noise: the model is linear in the stamps
 # What decides
-# chi-square between even and true samples, or between an age and none, that makes a decision firm,
-# and by each signal beyond which a hypothesis does not fit: 22 once in 5000 times
+# chi-square between even and true samples that makes a decision firm, and by each signal beyond
+# which a hypothesis does not fit: 22 once in 5000 times
 DECISIVE = 30
 ROUNDED = 0.36  # decimals of scatter that rounding explains: 1/sqrt(12) = 0.29, and some noise
 # s by which the clock of an even device creeps at most, as 1000 ppm do in 400 s; a rate that
@@ -53,11 +56,10 @@ NO_CLOCK_S = 0.1
 class StampEvidence(NamedTuple):
     """Evidence of one signal: how its sampling times respond to the fast part of the stamps."""
 
-    # share of the stamps' scatter that the sampling times have: 1 for true stamps of any age, 0 for
-    # even ones
+    # share of the stamps' scatter that the sampling times have: 1 for true stamps, 0 for even ones
     g: float
     se: float  # standard error of g
-    lack_of_fit: Array  # (22,), chi-square of the `HYPOTHESES`
+    lack_of_fit: Array  # (2,), chi-square of the `HYPOTHESES`
 
 
 def evidence_of(signal: Array, clock: DeviceClock, fast_part: Array) -> StampEvidence | None:
@@ -164,34 +166,29 @@ class Reading(NamedTuple):
     """How stamps are read."""
 
     even: bool  # whether the device samples evenly; else the stamps are true
-    age: float  # [loops] by which values are older than true stamps
     firm: bool  # whether this is stated, or the other kind is excluded
     why: str  # one sentence for the provenance
 
     def times(self, clock: DeviceClock) -> Array:
         """When the rows of a clock were sampled, (n,) [s]: those of an even device on its line,
-        or, where the stamps do not come back to it, about it as they creep; values older than true
-        stamps were taken between earlier ones."""
+        or, where the stamps do not come back to it, about it as they creep."""
         if self.even:
             on_line = clock.times()
             return on_line if clock.settles else on_line + clock.creep
-        if not self.age:
-            return clock.stamps
-        older = np.interp(clock.count - self.age, clock.count, clock.stamps)
-        return np.where(clock.count < self.age, clock.stamps - self.age * clock.step, older)
+        return clock.stamps
 
 
 def decide(signals: Mapping[str, Array], clock: DeviceClock) -> Reading:
     """Make one decision for all signals (n,) of a device: by the stamps where they tell, else by
     the signals."""
     if np.std(clock.residual) < NO_MATTER * clock.step:
-        return Reading(True, 0.0, True, "even: the stamps lie on their line")
+        return Reading(True, True, "even: the stamps lie on their line")
     creep = np.abs(clock.creep).max()
     if creep > NO_CLOCK_S:
         why = f"true: the stamps leave an even line by {creep:.2g} s, more than a clock does"
-        return Reading(False, 0.0, True, why)
+        return Reading(False, True, why)
     if clock.settles and clock.scatter < ROUNDED * clock.decimal:
-        return Reading(True, 0.0, True, "even: the stamps scatter by their rounding alone")
+        return Reading(True, True, "even: the stamps scatter by their rounding alone")
 
     fast_part = clock.residual - smoothed(clock.residual, BLOCKS_SMOOTHED * ROWS + 1)
     evidence = {name: evidence_of(signal, clock, fast_part) for name, signal in signals.items()}
@@ -222,20 +219,16 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
     lack_of_fit = np.zeros(len(HYPOTHESES))
     for signal in evidence.values():
         lack_of_fit += signal.lack_of_fit
-    lack_of_fit_of_even = lack_of_fit[0]
-    lack_of_fit_of_true = lack_of_fit[1:].min()
+    lack_of_fit_of_even, lack_of_fit_of_true = lack_of_fit
     wanders = f"the residual wanders by {np.std(clock.creep) / clock.step:.3f} steps"
     if min(lack_of_fit_of_even, lack_of_fit_of_true) > DECISIVE * len(evidence):
-        reading = Reading(False, 0.0, False, "undecided, true: no samples of any age fit")
+        reading = Reading(False, False, "undecided, true: neither even nor true samples fit")
     elif lack_of_fit_of_even >= lack_of_fit_of_true + DECISIVE:
-        has_age = lack_of_fit[1] >= lack_of_fit_of_true + DECISIVE
-        age = round(AGES[np.argmin(lack_of_fit[1:])], 3) if has_age else 0.0
-        older = f", values {age:.1f} loops older than their stamps" if age else ""
-        return Reading(False, age, True, f"true{older}: {', '.join(responses)}")
+        return Reading(False, True, f"true: {', '.join(responses)}")
     elif lack_of_fit_of_true >= lack_of_fit_of_even + DECISIVE:
-        return Reading(True, 0.0, True, f"even: {', '.join(responses)}")
+        return Reading(True, True, f"even: {', '.join(responses)}")
     elif not clock.settles:
-        reading = Reading(False, 0.0, False, f"undecided, true: {wanders}")
+        reading = Reading(False, False, f"undecided, true: {wanders}")
     else:
-        reading = Reading(True, 0.0, False, f"undecided, even: {wanders}")
+        reading = Reading(True, False, f"undecided, even: {wanders}")
     return reading._replace(why=", ".join([reading.why, *responses]))

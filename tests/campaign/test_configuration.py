@@ -239,11 +239,8 @@ def walkway(folder, log=None, mocap=None, part="", plate=2):
     ("changes", "said"),
     [
         ({"log": {"clock": "master"}}, "log.yaml, line 8: 'master' "),
-        # the log has no torque
-        (
-            {"mocap": {"shared": {"column": "torque", "markers": ["A", "B", "C"]}, "analogs": {}}},
-            "line 8: 'sync'",
-        ),
+        # the capture has no sync line
+        ({"mocap": {"analogs": {}}}, "line 8: 'sync'"),
         ({"part": "b"}, "csv: trial 'w0': log_part 'b': .*csv"),
     ],
 )

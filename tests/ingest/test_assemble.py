@@ -4,7 +4,6 @@ and refusals."""
 
 import hashlib
 import os
-import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,21 +13,17 @@ import polars as pl
 import pytest
 import yaml
 from c3d_builder import write_c3d
-from conftest import refused_with, said_in_refusal, white_noise
+from conftest import refused_with, said_in_refusal
 from mcap_builder import SAMPLE, stamped, write_log
-from scipy.interpolate import make_interp_spline
 
-from osl_analysis.base.source_file import SharedAngle
 from osl_analysis.base.trial import (
     Trial,
-    marker_columns,
     read_trial,
     write_trial,
 )
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.several_clocks import joined_recordings
 
@@ -125,28 +120,6 @@ def test_log_and_capture_share_one_clock_and_provenance_names_their_files(
     assert columns["theta"]["topic"] == "/lab"
     assert columns["theta"]["factor"] == pytest.approx(np.pi / 180)
     assert columns["sync"]["file"] == "mocap"
-
-
-def test_without_sync_edges_the_joint_s_angle_aligns_the_log():
-    knots = np.arange(-5.0, 40.0, 0.2)
-    course = make_interp_spline(knots, 0.3 * white_noise(knots.size, 4))
-    leg_time = np.arange(0, 30, 1 / 500)
-    log = Converted(pl.DataFrame({"time": leg_time, "theta": course(leg_time - 2.5)}), {})
-    time = np.arange(0, 25, 1 / 300)
-    bent = np.pi / 2 + course(time)
-    # along a line through M1, so that the angle there stays
-    away = 0.4 * np.sin(0.1) / np.sin(bent + 0.1)
-    toe = away * [np.sin(bent), 0 * bent, np.cos(bent)]
-    toe[:, 40:50] = np.nan  # a marker that was hidden for a moment
-    columns = [column for label in "ABC" for column in marker_columns(label)]
-    positions = [*(0, 0, 0.4), *(0, 0, 0), *toe]
-    mocap = Converted(pl.DataFrame(dict(zip(columns, positions, strict=True)) | {"time": time}), {})
-
-    shared = SharedAngle(column="theta", markers=("A", "B", "C"))
-    fit, (warning,) = aligned_clock(log, mocap, shared)
-
-    assert fit.to_master(2.5) == pytest.approx(0, abs=2e-4)
-    assert re.search("'theta'.* B", warning)
 
 
 def test_rows_within_a_nanosecond_are_one_and_clocks_apart_are_refused():

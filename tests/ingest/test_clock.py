@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two clocks: offset and drift of a log against motion capture, by edges of a shared line or by a
-shared movement."""
+"""Two clocks: offset and drift of a log against motion capture, by edges of a shared line."""
 
 import numpy as np
 import pytest
 from conftest import refused_with, white_noise
-from scipy.interpolate import make_interp_spline
 
 from osl_analysis.ingest.clock import (
     Edges,
-    correlate_clocks,
     find_edges,
     fit_clock,
 )
@@ -105,69 +102,3 @@ def test_pulses_that_tell_no_one_clock_are_refused(
 ) -> None:
     with refused_with(message):
         fit_clock(in_log, in_capture)
-
-
-CAMERA_RATE = 300.0
-WITHIN = np.arange(0, 30, 1 / CAMERA_RATE)
-KNOTS = np.arange(-120.0, 450.0, 0.15)
-# never repeats itself
-MOVEMENT = make_interp_spline(KNOTS, white_noise(KNOTS.size, 9))
-
-
-@pytest.mark.parametrize("offset", [-100.0, 0.1234])
-def test_an_encoder_and_markers_give_the_lag_to_a_sample(offset: float) -> None:
-    """The encoder's clock is behind by the offset [s], and drifts; its sign, scale and zero are
-    others, and both have noise."""
-    rng = np.random.default_rng(0)
-    slave = np.arange(0, 30.0 - min(offset, 0), 1 / SLAVE_RATE)
-    encoder = (
-        3.0 - 2 * MOVEMENT(offset + (1 + DRIFT) * slave) + 0.02 * rng.standard_normal(slave.size)
-    )
-    seen = MOVEMENT(WITHIN) + 0.01 * rng.standard_normal(WITHIN.size)
-
-    fit = correlate_clocks((slave, encoder), (WITHIN, seen))
-
-    time = np.array([0.0, 15.0, 30.0]) - offset
-    errors = fit.to_master(time) - (offset + (1 + DRIFT) * time)
-    of_drift = 15.0 * (fit.drift_error or np.inf)
-    assert (abs(errors) < 4 * np.hypot(fit.residual, [of_drift, 0, of_drift])).all()
-    assert abs(errors).max() < 0.1 / SLAVE_RATE
-    assert fit.method == "correlation"
-
-
-def test_strides_that_differ_a_little_tell_the_lag() -> None:
-    """Each second of the angle is like the others, but for what varies."""
-    angle = np.sin(2 * np.pi * WITHIN) + 0.05 * MOVEMENT(WITHIN)
-    late = 1500
-    seen = angle[late : late + 6000] + 0.01 * white_noise(6000, 2)
-
-    fit = correlate_clocks((WITHIN, angle), (WITHIN[:6000], seen))
-
-    assert fit.offset == pytest.approx(-late / CAMERA_RATE, abs=0.1 / CAMERA_RATE)
-
-
-HARDLY = r"-?0\.\d+"
-
-
-@pytest.mark.parametrize(
-    ("strange", "seen", "message"),
-    [
-        (white_noise(9000, 3), MOVEMENT(WITHIN), HARDLY),
-        (MOVEMENT(WITHIN[:40]), MOVEMENT(WITHIN), "48 samples"),
-        (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1), HARDLY),
-    ],
-)
-def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
-    with refused_with(message):
-        correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))
-
-
-def test_a_lag_scatters_as_its_standard_error_says() -> None:
-    seen = (WITHIN, MOVEMENT(WITHIN))
-    noise = 3 * white_noise((20, WITHIN.size), 5)
-
-    fits = [correlate_clocks((WITHIN, seen[1] + each), seen) for each in noise]
-
-    middles = [fit.to_master(WITHIN.mean()) for fit in fits]
-    assert np.std(middles) == pytest.approx(fits[0].residual, rel=0.3)
-    assert np.std([fit.drift for fit in fits]) == pytest.approx(fits[0].drift_error, rel=0.3)

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 import pytest
-import scipy
 from conftest import joint_trial, refused_with, white_noise
 
 from osl_analysis.base.recording import Rows
@@ -21,8 +20,6 @@ from osl_analysis.ingest.clock import (
     find_edges,
     fit_clock,
     gate_fit,
-    shared_variance,
-    short_means,
 )
 from osl_analysis.ingest.conversion import fresh_rows
 from osl_analysis.ingest.guard import changes_of_angle, check_recording, check_sizes, in_other_units
@@ -100,30 +97,6 @@ def test_a_gate_is_as_long_as_its_capture_but_for_steps_and_drift(seconds, longe
     else:
         with refused_with("0 pulses of the log are as long as the capture"):
             gate_fit(pulse, time)
-
-
-def test_means_of_an_angle_keep_a_sine_of_6_hz():
-    time = np.arange(0.0, 4.0, 1e-3)
-
-    at, means = short_means((time, np.sin(2 * np.pi * 6 * time)))
-
-    between = at[2:-3] + np.diff(at)[2:-2] / 2  # where a spline through them is least certain
-    spline = scipy.interpolate.CubicSpline(at, means)
-    kept = np.sinc(6 * np.median(np.diff(at)))
-    assert abs(spline(between) - kept * np.sin(2 * np.pi * 6 * between)).max() < 2e-3
-
-
-def test_a_match_while_one_recording_hardly_moves_counts_little():
-    """Its variance there is a fiftieth of that of the whole, which counts as a twentieth."""
-    quiet = white_noise(400, 1) * np.sqrt(0.02)
-    moving = white_noise(400, 2) * np.sqrt(2 - 0.02)
-    ours = np.concatenate([quiet, moving])
-    theirs = ours[:400]
-
-    shared = shared_variance(ours - ours.mean(), theirs - theirs.mean())
-
-    at_its_own_place = shared[ours.size - 1]
-    assert at_its_own_place == pytest.approx(quiet.var() / (0.05 * ours.var()), rel=0.02)
 
 
 # Which axis is vertical

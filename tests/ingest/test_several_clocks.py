@@ -64,20 +64,13 @@ def write_pair(folder, second=on_second_clock, last_s=20.0):
     write(folder / "x_torque.csv", "t,load,ttl,pot", second(stops), *columns)
 
 
-BOTH = {
-    "sync": {
-        "angle": "  sync: {column: ttl, unit: V}\n",
-        "torque": "  sync: {column: ttl, unit: V}\n",
-    },
-    "shared": {"torque": "  theta: {column: pot, unit: deg}\n"},
-}
+SYNC = "  sync: {column: ttl, unit: V}\n"
 
 
-@pytest.mark.parametrize("clock", [*BOTH])
-def test_a_signal_of_both_files_tells_offset_and_drift_within_their_errors(tmp_path, clock):
+def test_a_sync_line_of_both_files_tells_offset_and_drift_within_their_errors(tmp_path):
     write_pair(tmp_path)
 
-    trial = trial_of_two(tmp_path, clock, **BOTH[clock])
+    trial = trial_of_two(tmp_path, "sync", angle=SYNC, torque=SYNC)
 
     fit = trial.provenance["clock"]
     time, torque = trial.arrays("torque")
@@ -89,23 +82,23 @@ def test_a_signal_of_both_files_tells_offset_and_drift_within_their_errors(tmp_p
 
 def test_what_a_host_is_late_is_no_offset_of_its_clock(tmp_path):
     """A fit takes it off the stamps again: B was 2 %, I 13 % off by a millisecond."""
-    late_s = np.random.default_rng(4).exponential(2e-3, SLOW.size)
+    late_s = np.minimum(np.random.default_rng(4).exponential(8e-3, SLOW.size), 19e-3)
     write_pair(tmp_path, lambda time: on_second_clock(time + late_s))
 
-    clock = trial_of_two(tmp_path, "shared", **BOTH["shared"]).provenance["clock"]
+    clock = trial_of_two(tmp_path, "sync", angle=SYNC, torque=SYNC).provenance["clock"]
 
     sampled = on_second_clock(SLOW) - on_second_clock(SLOW[0] + late_s[0])
     error_s = clock["offset"] + (1 + clock["drift"]) * sampled - SLOW
-    assert abs(error_s.mean()) < 0.2e-3
+    assert abs(error_s.mean()) < 3e-3
 
 
 def test_the_error_of_a_fitted_clock_is_one_of_the_torque_s_delay(tmp_path):
     write_pair(tmp_path)
-    trial = trial_of_two(tmp_path, "shared", **BOTH["shared"])
+    clock = trial_of_two(tmp_path, "sync", angle=SYNC, torque=SYNC).provenance["clock"]
 
-    calibration = with_clock_error(CONFIG.dynamometer, trial.provenance["clock"]).calibration
+    calibration = with_clock_error(CONFIG.dynamometer, clock).calibration
 
-    assert calibration.delay == trial.provenance["clock"]["residual"] > 0
+    assert calibration.delay == clock["residual"] / np.sqrt(clock["edges"]) > 0
     assert not calibration.tells_delay
 
 
@@ -129,20 +122,19 @@ def test_stated_clocks_are_joined_and_what_nothing_shows_is_told(tmp_path, clock
     assert "x_torque.csv" in stream_of(trial, ["torque"]).name
 
 
-@pytest.mark.parametrize(
-    ("clock", "more"),
-    [
-        ("master", {}),
-        ("sync", {}),
-        ("shared", {}),
-        ("start", BOTH["shared"]),
-    ],
-)
-def test_files_that_nothing_aligns_are_refused_with_what_to_write(tmp_path, clock, more):
+@pytest.mark.parametrize("clock", ["master", "sync"])
+def test_files_that_nothing_aligns_are_refused_with_what_to_record(tmp_path, clock):
     write_pair(tmp_path)
 
-    with refused_with(r"clock: shared"):
-        trial_of_two(tmp_path, clock, **more)
+    with refused_with("record a line with pulses .* clock: sync; .* clock: common.* clock: start"):
+        trial_of_two(tmp_path, clock)
+
+
+def test_a_column_of_both_files_is_refused(tmp_path):
+    write_pair(tmp_path)
+
+    with refused_with("column 'theta' is mapped in both source files"):
+        trial_of_two(tmp_path, "start", torque="  theta: {column: pot, unit: deg}\n")
 
 
 def read_table(folder, text, channels):

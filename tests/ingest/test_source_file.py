@@ -154,13 +154,12 @@ def test_a_bench_stiffness_without_number_or_unit_is_refused(text):
 
 
 SCATTERED = TIMES + 20e-6 * white_noise(len(TIMES), 1)
-EVEN = {"theta": (True, 0.0, True, "even")}
+EVEN = {"theta": (True, True, "even")}
 
 
-def scattered_trial(stated="auto", clocks=None, age=0):
-    """A trial of true stamps, whose values are older by some loops."""
-    taken = SCATTERED[: len(TIMES) - age]
-    columns = {"time": SCATTERED[age:], "theta": angle(taken), "torque": torque(taken)}
+def scattered_trial(stated="auto", clocks=None):
+    """A trial of true stamps."""
+    columns = {"time": SCATTERED, "theta": angle(SCATTERED), "torque": torque(SCATTERED)}
     provenance = {"columns": {"theta": {"file": "log"}}, "log": {"time": {"stamps": stated}}}
     return Trial("made", pl.DataFrame(columns), provenance, clocks or {})
 
@@ -184,11 +183,11 @@ def test_a_use_of_the_stamps_that_is_stated_or_that_ingest_found_stands(stated, 
 
 
 def test_a_fit_reads_of_the_file_what_ingest_found(tmp_path):
-    write_trial(with_clocks(scattered_trial(age=1)), tmp_path / "made.parquet")
+    write_trial(with_clocks(scattered_trial()), tmp_path / "made.parquet")
 
     ingested = read_trial(tmp_path / "made.parquet")
 
-    assert ingested.clocks["torque"][:3] == [False, 1.0, True]
+    assert ingested.clocks["torque"][:2] == [False, True]
     assert not ingested.within("1-3").clocks  # of a part it may be another
 
 

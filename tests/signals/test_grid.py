@@ -76,7 +76,6 @@ def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
         if reading.firm:
             firm += 1
             assert reading.even == is_even, (bits, jitter, is_late, reading.why)
-            assert abs(reading.age) < 0.15
     assert firm >= 5
 
 
@@ -97,7 +96,7 @@ MINUTE = clock(500.0, 60.0)
 def test_jitter_is_not_believed_where_no_signal_decides():
     random = np.random.default_rng(7)
     stamps = jittered(MINUTE, 2e-4, random)
-    slow = rounded_to_bits(0.05 * np.sin(0.2 * np.pi * MINUTE), 14)
+    slow = rounded_to_bits(0.03 * np.sin(0.2 * np.pi * MINUTE), 14)
     rest = noisy(0 * MINUTE, random)
 
     grid = one_time_base([Stream("belt", stamps, {"angle": slow, "rest": rest})])
@@ -137,7 +136,7 @@ def test_samples_of_a_creeping_clock_lie_where_its_stamps_do():
     assert np.std(part.reading.times(part.clock) - taken) < 1.7e-4 < np.std(stamps - taken)
 
 
-@pytest.mark.parametrize(("kind", "age"), [("even", 0.0), ("true", 0.0), ("true", 0.5)])
+@pytest.mark.parametrize("kind", ["even", "true"])
 @pytest.mark.parametrize(
     "case",
     [
@@ -146,18 +145,26 @@ def test_samples_of_a_creeping_clock_lie_where_its_stamps_do():
         {"lost": 1e-3},
     ],
 )
-def test_even_devices_true_stamps_and_older_values_are_told_apart(kind, age, case):
-    recording, taken = recorded(**{"seed": len(str(case)), "kind": kind, "age": age, **case})
+def test_even_devices_and_true_stamps_are_told_apart(kind, case):
+    recording, taken = recorded(**{"seed": len(str(case)), "kind": kind, **case})
 
     (part,) = take([recording])
 
     reading = part.reading
     assert reading.firm, reading.why
     assert reading.even == (kind == "even")
-    assert reading.age == pytest.approx(age, abs=0.11)
     late_in_loops = (reading.times(part.clock) - taken) * case.get("rate", RATE)
     assert np.std(late_in_loops[50:-50]) < 0.06
     assert_recovers_the_joint(on_one_grid([part], USUAL_FILTER))
+
+
+def test_values_older_than_their_stamps_are_read_firmly_as_neither():
+    recording, _ = recorded(3, "true", age=0.5, rate=200.0, jitter=1e-3)
+
+    (part,) = take([recording])
+
+    assert not part.reading.firm
+    assert "neither even nor true samples fit" in part.reading.why
 
 
 def test_an_even_device_whose_stamps_are_rounded_is_told_by_this_alone():
@@ -386,7 +393,7 @@ def test_stamps_may_be_equal_and_never_go_back():
 @pytest.mark.parametrize(("apart_s", "merged"), [(0.004, 1), (0.006, 0)])
 def test_stamps_within_half_a_step_are_one(apart_s, merged):
     stamps = np.where(TICKS == 0.5, 0.49 + apart_s, TICKS)[:200]
-    (part,) = take([of(stamps, reading=Reading(False, 0.0, True, "stated"))])
+    (part,) = take([of(stamps, reading=Reading(False, True, "stated"))])
     assert len(part.samples.times) == 200 - merged
 
 

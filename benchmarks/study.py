@@ -462,7 +462,7 @@ def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
         truth = float(np.mean([exact[quantity] for _, exact, _ in perturbed]))
         rendered = float(np.mean([leg[f"{quantity}_rendered"] for *_, leg in perturbed]))
         budget = headline.ensemble.budgets[quantity]
-        own = [each.standard or 0.0 for each in budget.of_parts(*IN_INTERVAL)]
+        own = [each.standard or 0.0 for each in budget.in_parts(*IN_INTERVAL)]
         yield {
             "estimator": "ensemble",
             "interval_method": "budget",

@@ -26,7 +26,7 @@ from osl_analysis.stats.budget import (
     Contribution,
     Row,
     budget_rows,
-    own_size,
+    floored_size,
     unknown,
 )
 from osl_analysis.stats.linear_fit import FALSE_ALARM
@@ -116,7 +116,7 @@ def alternatives(
     so that its size is not known."""
     if joint is None:
         return []
-    most = own_size(QUANTITIES[k], value)
+    most = floored_size(QUANTITIES[k], value)
     found: list[Contribution] = []
     of_property: list[Contribution] = []
     for each in joint.alternatives:

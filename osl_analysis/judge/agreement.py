@@ -18,7 +18,7 @@ from osl_analysis.base.trial import Array
 from osl_analysis.base.units import factors_near
 from osl_analysis.judge.findings import Finding
 from osl_analysis.judge.rules import K_UNLIKE_SHEET, Beyond, Grade
-from osl_analysis.stats.budget import own_size
+from osl_analysis.stats.budget import floored_size
 from osl_analysis.stats.doubts import DOUBTS, doubts_about
 from osl_analysis.stats.rounding import places_of, significant, to_places
 from osl_analysis.stats.sources import Source
@@ -131,7 +131,7 @@ def differing_repeats(
     for rows in repeats:
         values = column_numbers(rows, symbol)
         if np.isfinite(values).all():
-            conditions.append((rows, values, own_size(symbol, float(np.median(values)))))
+            conditions.append((rows, values, floored_size(symbol, float(np.median(values)))))
     usual = UNKNOWN_SCATTER * needed
     if len(conditions) >= FEWEST:
         scatters = [np.std(values, ddof=1) / size for _, values, size in conditions]

@@ -37,7 +37,7 @@ from osl_analysis.stats.budget import (
     Contribution,
     Verdict,
     budgets_in,
-    own_size,
+    floored_size,
 )
 from osl_analysis.stats.rounding import significant
 from osl_analysis.stats.sources import Source
@@ -60,13 +60,13 @@ class Judged:
 
     def moved(self, by: float) -> str:
         """What a source would change, in words."""
-        if by >= own_size(self.symbol, self.own.value):
+        if by >= floored_size(self.symbol, self.own.value):
             return f"{self.name} by an unknown size, larger than itself"
         return f"{self.name} by {significant(by)} {self.unit}"
 
     def width(self, name: str, budget: Budget) -> str:
         """How wide its interval is, or that without friction, beside what is needed, in words."""
-        largest = max(budget.of_parts(*IN_INTERVAL), key=lambda each: each.size)
+        largest = max(budget.in_parts(*IN_INTERVAL), key=lambda each: each.size)
         return (
             f"{name} is known to {significant(budget.half_width())} {self.unit}"
             f" (largest source: {largest.source.replace('_', ' ')}),"
@@ -137,7 +137,7 @@ def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) 
         name = WITHOUT_FRICTION[symbol] if WITHOUT_FRICTION[symbol] in budgets else own
         if name in budgets:
             budget = budgets[name]
-            needed = accuracy[symbol] * own_size(symbol, budget.value)
+            needed = accuracy[symbol] * floored_size(symbol, budget.value)
             verdict = budget.verdict(needed)
             unit = units[name].unit
             found.append(Judged(symbol, own, name, unit, budget, verdict, needed, budgets[own]))
@@ -154,7 +154,7 @@ def predicted_estimates(table: str, budgets: Mapping[str, Budget], limits: Limit
         name = f"{symbol}_predicted"
         if name in budgets and name in described:
             budget = budgets[name]
-            needed = accuracy[symbol] * own_size(symbol, budget.value)
+            needed = accuracy[symbol] * floored_size(symbol, budget.value)
             verdict = budget.verdict(needed)
             unit = described[name].unit
             estimates.append(Judged(symbol, name, name, unit, budget, verdict, needed, budget))
@@ -172,7 +172,7 @@ def findings_of_row(
     """What a row is doubted for, what is worth knowing of it, and what could not be checked; of its
     `predicted` estimates whether their intervals are wide."""
     numbers = numbers_beyond(row, [rule for rule in rules if isinstance(rule, NumberRule)])
-    are_weighed = any(e.budget.of_source(UNEXPLAINED) for e in estimates)
+    are_weighed = any(e.budget.from_source(UNEXPLAINED) for e in estimates)
     for column, number in list(numbers.items()):
         if known_finding(number.finding).spoils_estimates and are_weighed:
             fault = fault or known_finding(number.finding)
@@ -261,7 +261,7 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
             causes.append(likeliest.detail or "it")
         else:  # a check of the recording saw it
             causes += ["it", likeliest.detail or known_finding(likeliest.source).title]
-        for row in estimate.budget.of_parts("fault"):
+        for row in estimate.budget.in_parts("fault"):
             if row.size > verdict.limit and row.probability > DOUBT * likeliest.probability:
                 if row.detail:
                     causes.append(row.detail)
@@ -307,7 +307,7 @@ def properties_of(estimates: Sequence[Judged], predicted: Sequence[Judged] = ())
         sizes: dict[str, tuple[float, str]] = {}
         least = max(estimate.needed, estimate.own.half_width())
         # of several of one source the largest
-        for each in sorted(estimate.own.of_parts("motion"), key=lambda each: each.size):
+        for each in sorted(estimate.own.in_parts("motion"), key=lambda each: each.size):
             change = 2 * each.size  # from one end of the range to the other
             if each.source in FINDINGS and change > least:
                 detail = f" ({each.detail})" if each.detail else ""

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The uncertainty of one estimate: what contributes to it, and the half-width of all of it.
+"""Uncertainty budget of one estimate, its 95 % interval, and the verdict on it.
 
-Every printed 95 % interval of a fit is made here, by JCGM 100:2008: independent contributions add
-as variances (5.1.2), and Student's quantile has the degrees of freedom of their sum (G.4).
+Independent contributions add as variances, u^2 = sum of u_i^2 (JCGM 100:2008, 5.1.2). The
+half-width is t u, where Student's quantile t has the degrees of freedom of the sum
+(Welch-Satterthwaite, G.4). Every printed interval of a fit is made here.
+
+Example: `Budget(200.0, (scatter(0.5, 30),)).columns("K")` has K, K_low and K_high.
 """
 
 import math
@@ -27,13 +30,13 @@ MOST_FREEDOM = 1 / np.finfo(float).eps  # degrees of freedom; rounding of the su
 NORMAL_HALF_WIDTH = NormalDist().inv_cdf(0.975)
 
 Part = Literal["repeatability", "sensor", "bench", "motion", "fault"]
-"""repeatability: the scatter of this recording; sensor: encoder and rounding; bench: what is stated
-or assumed of it, of friction, and of where a belt's loading begins;
-motion: what another amplitude or frequency would change; fault: what a fault of the recording would
-change. The last two are in no interval."""
+"""repeatability: scatter of this recording; sensor: encoder and rounding; bench: statements and
+assumptions about the bench, friction, and where a belt's loading begins; motion: change by another
+amplitude or frequency; fault: change by a fault of the recording. Motion and fault are in no
+interval."""
 IN_INTERVAL: tuple[Part, ...] = ("repeatability", "sensor", "bench")
 Basis = Literal["measured", "stated", "assumed", "bound", "weighed"]
-OF_SOURCE: Mapping[Source, tuple[Part, Basis]] = {
+PART_AND_BASIS: Mapping[Source, tuple[Part, Basis]] = {
     Source.ENCODER: ("sensor", "measured"),
     Source.HELD_DELAY: ("sensor", "measured"),
     Source.FRICTION: ("bench", "measured"),
@@ -44,8 +47,8 @@ OF_SOURCE: Mapping[Source, tuple[Part, Basis]] = {
     Source.BELT_ERROR: ("bench", "assumed"),
     Source.THETA_M_DELAY: ("bench", "assumed"),
 }
-"""Part and basis of known errors; others are stated of the bench."""
-OF_ONE_TRIAL = (
+"""Part and basis of known errors. Any other known error is one of the bench, and stated."""
+SOURCES_OF_ONE_TRIAL = (
     Source.HELD_DELAY,
     Source.FRICTION,
     Source.FRICTION_SIGN,
@@ -66,11 +69,11 @@ FLOOR = {"K": 2.0, "B": 0.1, "I": 1e-3}
 
 @dataclass(frozen=True)
 class Contribution:
-    """What one source does to one estimate, in its unit; a row of `budget.csv`."""
+    """The effect of one source on one estimate, in its unit; a row of `budget.csv`."""
 
     source: Source
-    # standard uncertainty; of a fault by how much the estimate would be another, of motion half of
-    # the range; None: not known
+    # standard uncertainty; of a fault the change of the estimate, of motion half of the range;
+    # None: not known
     standard: float | None
     freedom: float | None = None  # degrees of freedom of its variance; None: infinitely many
     basis: Basis = "stated"
@@ -102,19 +105,19 @@ UNITS = {
 }
 
 
-def own_size(name: str, value: float) -> float:
-    """What shares of K, B or I are of, in its unit; a change beyond it has no size of its own."""
+def floored_size(name: str, value: float) -> float:
+    """The size of K, B or I that shares refer to, in its unit; at least `FLOOR`."""
     return math.hypot(value, FLOOR[name])
 
 
 def scatter(standard: float, freedom: float) -> Contribution:
-    """What the scatter of a recording shows."""
+    """The contribution of a recording's scatter."""
     return Contribution(Source.REPEATABILITY, standard, freedom, "measured", "repeatability")
 
 
 def unknown(source: Source, unit: str = "", **changes: float) -> dict[str, Contribution]:
-    """What nobody has measured, by the estimates that it would change by so much per unit; 0: by
-    nobody knows how much."""
+    """Contributions that nobody has measured, by estimate, with the change per unit; 0: the change
+    is not known either."""
     return {
         name: Contribution(
             source=source,
@@ -129,7 +132,7 @@ def unknown(source: Source, unit: str = "", **changes: float) -> dict[str, Contr
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a budget says of its estimate."""
+    """The verdict of a budget on its estimate."""
 
     name: str  # `CLEAR`, `WIDE`, or the source of the doubt
     limit: float  # beyond which a change matters, in the unit of the estimate
@@ -143,52 +146,60 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Budget:
-    """An estimate with all that contributes to its uncertainty, in its SI unit."""
+    """An estimate with all contributions to its uncertainty, in its SI unit."""
 
     value: float
     contributions: tuple[Contribution, ...] = ()
 
-    def of_parts(self, *parts: Part) -> list[Contribution]:
-        """The contributions of some parts whose size is known."""
-        return [each for each in self.contributions if each.part in parts and each.standard]
+    def in_parts(self, *parts: Part) -> list[Contribution]:
+        """The contributions of known size to some parts."""
+        return [
+            contribution
+            for contribution in self.contributions
+            if contribution.part in parts and contribution.standard
+        ]
 
     def spread(self, *parts: Part) -> tuple[float, float]:
-        """Standard uncertainty and its degrees of freedom, of all that is in the interval, or by
-        some parts alone; NaN where nothing repeats."""
-        chosen = self.of_parts(*(parts or IN_INTERVAL))
-        variances = [each.size**2 for each in chosen]
+        """Standard uncertainty and its degrees of freedom, of the whole interval or of some parts
+        alone; NaN where nothing repeats."""
+        chosen = self.in_parts(*(parts or IN_INTERVAL))
+        variances = [contribution.size**2 for contribution in chosen]
         if any(map(math.isnan, variances)):
             return math.nan, math.nan
-        freedoms = [math.inf if each.freedom is None else each.freedom for each in chosen]
+        freedoms = [
+            math.inf if contribution.freedom is None else contribution.freedom
+            for contribution in chosen
+        ]
         return math.sqrt(sum(variances)), float(welch_satterthwaite(variances, freedoms))
 
     def half_width(self, *parts: Part) -> float:
-        """Half of the 95 % interval: of all that is in it, or by some parts alone."""
+        """Half of the 95 % interval, of all its parts or of some alone."""
         standard, freedom = self.spread(*parts)
         return float(scipy.special.stdtrit(freedom, 0.975) * standard)
 
     @property
     def se_bench(self) -> float:
-        """Standard uncertainty by what all trials on a bench share."""
-        return math.hypot(*(each.size for each in self.of_parts(*IN_INTERVAL) if each.shared))
+        """Standard uncertainty by the errors that all trials on a bench share."""
+        shared = [row.size for row in self.in_parts(*IN_INTERVAL) if row.shared]
+        return math.hypot(*shared)
 
-    def of_source(self, source: Source) -> list[Contribution]:
-        """The contributions of a source, of known size."""
+    def from_source(self, source: Source) -> list[Contribution]:
+        """The contributions of known size from one source."""
         return [
-            each
-            for each in self.contributions
-            if each.source == source and each.standard is not None
+            contribution
+            for contribution in self.contributions
+            if contribution.source == source and contribution.standard is not None
         ]
 
     @property
     def half_range(self) -> float:
-        """What another motion would change: the largest, as the others are shares of it."""
-        return max((each.size for each in self.of_parts("motion")), default=0.0)
+        """Change by another motion: the largest, as the others are shares of it."""
+        return max((row.size for row in self.in_parts("motion")), default=0.0)
 
     @property
     def unknown(self) -> list[Contribution]:
-        """The contributions of which this recording does not tell the size."""
-        return [each for each in self.contributions if each.standard is None]
+        """The contributions whose size this recording does not show."""
+        return [row for row in self.contributions if row.standard is None]
 
     @property
     def low(self) -> float:
@@ -211,53 +222,58 @@ class Budget:
     def verdict(self, needed: float) -> Verdict:
         """Judge the estimate.
 
-        It is doubtful where a fault would change it by more than `needed` and its half-width, and
-        by more than its half-range, too: of another motion the estimate would be another anyway.
-        Where such a fault is likely, it does not hide behind the range, which is then its own: a
-        delay makes B fall with the frequency. Or a fault is likely, and the scatter alone exceeds
-        what is needed: the lack of fit in it is then the fault's.
+        A fault makes it doubtful where the change exceeds `needed`, the half-width and the
+        half-range: another motion would change the estimate anyway. A likely fault need not exceed
+        the half-range, which may be its own effect: a delay makes B fall with the frequency.
+
+        A likely fault also makes it doubtful where the scatter alone exceeds `needed`: the lack of
+        fit in the scatter is then the fault's.
         """
         half = self.half_width()
         limit = max(needed, half)
-        faults = self.of_parts("fault")
-        weighed = [each for each in faults if each.basis == "weighed"]
-        # that one of the weighed ones is there, which exclude each other; a bound, of which nothing
-        # tells how likely it is, counts 1
-        if sum(each.probability for each in weighed if each.size > limit) <= LIKELY:
+        faults = self.in_parts("fault")
+        # weighed faults exclude each other, so that their probabilities add; nothing tells how
+        # likely a bound is, so that its probability is 1
+        weighed = [fault for fault in faults if fault.basis == "weighed"]
+        if sum(fault.probability for fault in weighed if fault.size > limit) <= LIKELY:
             limit = max(needed, math.hypot(half, self.half_range))
-        harmful = [each for each in faults if each.size > limit]
-        if sum(each.probability for each in harmful) <= DOUBT:
+        harmful = [fault for fault in faults if fault.size > limit]
+        if sum(fault.probability for fault in harmful) <= DOUBT:
             harmful = weighed
-            of_scatter = replace(self, contributions=tuple(self.of_source(Source.REPEATABILITY)))
-            likely = sum(each.probability for each in weighed)
-            if likely <= LIKELY or of_scatter.half_width() <= needed:
+            probability = sum(fault.probability for fault in weighed)
+            repeatability = replace(
+                self, contributions=tuple(self.from_source(Source.REPEATABILITY))
+            )
+            if probability <= LIKELY or repeatability.half_width() <= needed:
                 return Verdict(WIDE if half > needed else CLEAR, limit)
         # a bound weighs as a cause of the probability `DOUBT`: a likelier one is named first
-        by_source: dict[Source, float] = {}
-        for each in harmful:
-            weight = each.probability if each.basis != "bound" else DOUBT
-            by_source[each.source] = by_source.get(each.source, 0.0) + weight
-        source = max(by_source, key=by_source.__getitem__)
-        of_source = [each for each in harmful if each.source == source]
-        of_source.sort(key=lambda each: -each.probability)
-        return Verdict(source, limit, tuple(of_source))
+        weight_of: dict[Source, float] = {}
+        for fault in harmful:
+            weight = fault.probability if fault.basis != "bound" else DOUBT
+            weight_of[fault.source] = weight_of.get(fault.source, 0.0) + weight
+        cause = max(weight_of, key=weight_of.__getitem__)
+        rows = [fault for fault in harmful if fault.source == cause]
+        rows.sort(key=lambda fault: -fault.probability)
+        return Verdict(cause, limit, tuple(rows))
 
 
 def budget_rows(place: Mapping[str, Any], estimates: Mapping[str, Budget]) -> list[dict[str, Any]]:
-    """The rows of `budget.csv` of some estimates; `place` has the trial and the amplitude. A bound
-    of 0 says that candidate models were weighed. What nobody has measured has no probability."""
-    of_place = {name: place.get(name) for name in ("trial", "amplitude_deg")}
-    return [
-        {
-            **of_place,
-            "estimate": name,
-            **vars(each),
-            "probability": each.probability if each.size or each.basis != "assumed" else None,
-        }
-        for name, budget in estimates.items()
-        for each in budget.contributions
-        if each.standard != 0.0 or each.basis == "bound"
-    ]
+    """The rows of `budget.csv` of some estimates.
+
+    `place` has the trial and the amplitude. A bound of 0 is kept: it says that candidate models
+    were weighed. A contribution that nobody has measured has no probability.
+    """
+    place_columns = {name: place.get(name) for name in ("trial", "amplitude_deg")}
+    rows = []
+    for name, budget in estimates.items():
+        for contribution in budget.contributions:
+            if contribution.standard == 0.0 and contribution.basis != "bound":
+                continue
+            row = {**place_columns, "estimate": name, **vars(contribution)}
+            if not contribution.size and contribution.basis == "assumed":
+                row["probability"] = None
+            rows.append(row)
+    return rows
 
 
 def budgets_in(rows: Sequence[Mapping[str, Any]], values: Mapping[str, Any]) -> dict[str, Budget]:
@@ -268,8 +284,8 @@ def budgets_in(rows: Sequence[Mapping[str, Any]], values: Mapping[str, Any]) -> 
         name = row["estimate"]
         if values.get(name) is not None:
             cells = {field: row[field] for field in FIELDS}
-            found = Contribution(**{**cells, "source": Source(row["source"])})
-            budgets[name] = budgets.get(name, Budget(values[name])).plus(found)
+            contribution = Contribution(**{**cells, "source": Source(row["source"])})
+            budgets[name] = budgets.get(name, Budget(values[name])).plus(contribution)
     return budgets
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the rows of a result table are doubted for, and which rows a mean counts.
+"""Doubts about the rows of a result table, and the rows that a mean counts.
 
 A table has the column `DOUBTS` once findings are joined to it (`judge/joining.py`): a list of
 doubts, each with its source and the estimates that it concerns. A table without that column has no
@@ -32,10 +32,10 @@ def is_judged(column: str) -> bool:
 
 
 def concerns(doubt: Doubt, columns: Collection[str] = ()) -> bool:
-    """Whether a doubt is about one of some columns, or, where none is named, about any.
+    """Whether a doubt is about one of some columns, or about any where none is named.
 
-    A doubt without estimates is about all of its fit, and so is any doubt for a column that rests
-    on the whole fit.
+    A doubt without estimates is about the whole fit. A column that rests on the whole fit, as VAF,
+    is concerned by every doubt.
     """
     if not columns or not doubt["estimates"]:
         return True
@@ -47,12 +47,12 @@ def concerns(doubt: Doubt, columns: Collection[str] = ()) -> bool:
 
 
 def doubts_about(doubts: Sequence[Doubt] | None, columns: Collection[str] = ()) -> list[Doubt]:
-    """Those doubts of a cell of `DOUBTS` that concern one of some columns."""
+    """The doubts in a cell of `DOUBTS` that concern one of some columns."""
     return [doubt for doubt in doubts or () if concerns(doubt, columns)]
 
 
 def is_doubtful(table: pl.DataFrame, columns: Collection[str] = ()) -> pl.Series:
-    """Whether the estimates in some columns are doubtful, by row; without names whether any is."""
+    """Whether estimates in some columns are doubtful, by row; without columns, whether any is."""
     if DOUBTS not in table.columns:
         return pl.repeat(False, len(table), dtype=pl.Boolean, eager=True)
     marks = [bool(doubts_about(doubts, columns)) for doubts in table[DOUBTS].to_list()]
@@ -60,6 +60,5 @@ def is_doubtful(table: pl.DataFrame, columns: Collection[str] = ()) -> pl.Series
 
 
 def counted(table: pl.DataFrame, columns: Collection[str] = ()) -> pl.DataFrame:
-    """Rows that a mean of some columns counts: those whose estimates in them are not doubtful,
-    however few."""
+    """The rows that a mean of some columns counts: those whose estimates there are not doubtful."""
     return table.filter(~is_doubtful(table, columns))

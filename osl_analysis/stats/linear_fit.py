@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least squares: estimates with a covariance, what the columns cannot tell apart, and VAF.
+"""Least squares: estimates with a covariance, refusal of columns that look alike, and VAF.
 
-Fits of groups of rows have their covariance from the spread between repeated cycles, whose edges
-may lie between two samples, or from blocks that are left out (bench/regression.py), those of
-walking from gait and plate (walking/impedance_fit.py).
+The estimates solve X'X x = X'y. `linear_fit` has the covariance of white noise. Fits on the bench
+take theirs from the spread between repeated cycles or from blocks that are left out
+(bench/regression.py), fits of walking from gait and plate (walking/impedance_fit.py).
+
+Example: `linear_fit(torque, {"K": theta, "B": omega})["K"]`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,8 +19,8 @@ from osl_analysis.base.errors import IdentifiabilityError, InputError
 from osl_analysis.base.measured import EXACT_FIT_ROUNDING, check_finite, check_measured
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import (
-    OF_ONE_TRIAL,
-    OF_SOURCE,
+    PART_AND_BASIS,
+    SOURCES_OF_ONE_TRIAL,
     Budget,
     Contribution,
     scatter,
@@ -54,23 +56,22 @@ class LinearFit:
         return float(self.estimates[self.names.index(name)])
 
     def budget(self, name: str) -> Budget:
-        """One estimate with what contributes to its uncertainty: its scatter, and each known
-        error."""
+        """One estimate with the contributions to its uncertainty: scatter and known errors."""
         k = self.names.index(name)
-        own = scatter(float(np.sqrt(self.covariance[k, k])), float(self.degrees_of_freedom[k]))
-        found = [own]
+        standard = float(np.sqrt(self.covariance[k, k]))
+        contributions = [scatter(standard, float(self.degrees_of_freedom[k]))]
         for source, change in self.known_errors:
-            part, basis = OF_SOURCE.get(source, ("bench", "stated"))
-            found.append(
+            part, basis = PART_AND_BASIS.get(source, ("bench", "stated"))
+            contributions.append(
                 Contribution(
                     source=source,
                     standard=abs(float(change[k])),
                     basis=basis,
                     part=part,
-                    shared=source not in OF_ONE_TRIAL,
+                    shared=source not in SOURCES_OF_ONE_TRIAL,
                 )
             )
-        return Budget(self[name], tuple(found))
+        return Budget(self[name], tuple(contributions))
 
     def se(self, name: str) -> float:
         """Standard error of one estimate, in its unit."""
@@ -101,10 +102,10 @@ class LinearFit:
         return replace(self, known_errors=(*self.known_errors, (source, change)))
 
     def beyond_interval(self, name: str, expected: float = 0.0) -> float:
-        """By how much an estimate differs from what is expected, less the half-width of its
-        interval; 0 within it."""
-        apart = self[name] - expected
-        return float(np.sign(apart)) * max(abs(apart) - self.half_width(name), 0.0)
+        """Difference of an estimate from what is expected, less the half-width of its interval; 0
+        within the interval."""
+        difference = self[name] - expected
+        return float(np.sign(difference)) * max(abs(difference) - self.half_width(name), 0.0)
 
     def derived(self, functions: Mapping[str, tuple[float, Mapping[str, float]]]) -> "LinearFit":
         """Functions of the estimates, to first order.
@@ -112,11 +113,11 @@ class LinearFit:
         Parameters
         ----------
         functions
-            By name the value of each, and its derivatives by the estimates that it is of; its
-            scatter has the degrees of freedom of the first of these.
+            By name its value and its derivatives by the estimates. The degrees of freedom of its
+            scatter are those of the first of these estimates.
         """
         gradients = [gradient for _, gradient in functions.values()]
-        J = np.array([[each.get(name, 0.0) for name in self.names] for each in gradients])
+        J = np.array([[gradient.get(name, 0.0) for name in self.names] for gradient in gradients])
         firsts = [self.names.index(next(iter(gradient))) for gradient in gradients]
         return replace(
             self,
@@ -140,13 +141,9 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
     Parameters
     ----------
     y : Array (n,)
-        What is explained.
+        The explained signal.
     columns : Mapping of Array (n,)
-        By name.
-
-    Returns
-    -------
-    LinearFit
+        The explaining signals, by name.
 
     Raises
     ------
@@ -187,23 +184,24 @@ def solved(
     limit: float = np.inf,
     noise: Array | float = 0.0,
 ) -> tuple[Array, Array]:
-    """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,); also the inverse of
-    A. Directions of A that rounding alone fills are left out. Columns with names are refused that
-    can hardly be told apart.
+    """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,) and the inverse of A.
+
+    Directions of A that hold rounding alone are left out. Columns that have names are refused where
+    they can hardly be told apart.
 
     Parameters
     ----------
     A, b
-        Products of the columns with one another, and with what they explain.
+        Products of the columns with one another, and with the explained signal.
     names
-        Of the estimates.
+        Names of the estimates.
     varies
-        Columns that are no offset. Beside one, columns count about their means, so that the zero of
-        an angle does not matter.
+        Columns that are no offset. Beside an offset their condition number is that about their
+        means, so that the zero of an angle does not matter.
     limit
         Largest condition number of the columns, each scaled to unit length.
     noise
-        What has been taken off A (p, p), as the noise of the columns.
+        Noise of the columns that has been taken off A (p, p).
 
     Raises
     ------
@@ -228,8 +226,8 @@ def solved(
     if names and scaled_condition(A, varies) > limit:
         worst = sorted(np.argsort(np.abs(vectors[:, 0]))[-2:])
         first, second = (names[k] for k in worst)
-        of_columns = scaled_condition(A + noise, varies)
-        if of_columns <= limit:
+        condition_with_noise = scaled_condition(A + noise, varies)
+        if condition_with_noise <= limit:
             raise IdentifiabilityError(
                 f"{first} and {second} cannot be told apart behind noise of the angle, which is as"
                 " large as what tells them apart",
@@ -237,32 +235,34 @@ def solved(
             )
         raise IdentifiabilityError(
             f"{first} and {second} cannot be told apart in these data (scaled condition number"
-            f" {of_columns:.3g})",
+            f" {condition_with_noise:.3g})",
             "excite more frequencies, lengthen the window or fix one of them",
         )
     return estimates, inverse
 
 
 def scaled_condition(A: Array, varies: Sequence[int] = ()) -> float:
-    """Condition number of columns, each scaled to unit length, by their products A (p, p); beside
-    an offset that of the columns that are none, about their means."""
+    """Condition number of columns, each scaled to unit length, by their products A (p, p).
+
+    Beside an offset it is that of the other columns about their means.
+    """
     tiny = np.finfo(float).tiny
     sizes = np.sqrt(np.maximum(np.diag(A), tiny))
     values, vectors = np.linalg.eigh(A / np.outer(sizes, sizes))
     if len(varies) > 1 and values[0] > DIRECTION_ROUNDING * values[-1]:
         parts = vectors / sizes[:, None]
         inverse = parts / values @ parts.T
-        of_varying = np.linalg.inv(inverse[np.ix_(varies, varies)])
-        lengths = np.sqrt(np.maximum(np.diag(of_varying), tiny))
-        values = np.linalg.eigvalsh(of_varying / np.outer(lengths, lengths))
+        inverse_of_varying = np.linalg.inv(inverse[np.ix_(varies, varies)])
+        lengths = np.sqrt(np.maximum(np.diag(inverse_of_varying), tiny))
+        values = np.linalg.eigvalsh(inverse_of_varying / np.outer(lengths, lengths))
     return float(np.sqrt(values[-1] / max(values[0], DIRECTION_ROUNDING * values[-1])))
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:
     """Find the covariance from the spread of repeated cycles.
 
-    A bootstrap that draws cycles within each stratum converges to it, apart from the factor m/(m -
-    1) for the mean that was estimated from the m cycles of the stratum, two or more.
+    A bootstrap that draws cycles within each stratum converges to it, but for the factor m/(m - 1):
+    the mean was estimated from the m cycles of the stratum, two or more.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     """
     edges = np.stack([first, stop], axis=1).ravel()
     row = np.clip(np.floor(edges + ROW_ROUNDING).astype(np.intp), 0, len(Y))
-    of_whole_rows = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
+    sums_of_whole_rows = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
 
     share = np.maximum(edges - row, 0.0)
     x = np.where(share < ROW_ROUNDING, 0.0, share)
@@ -318,14 +318,17 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     inside = np.clip(around, 0, len(Y) - 1)
     lagrange = np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)])
     weights = lagrange / 6 * (around == inside)
-    of_parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
-    return of_whole_rows + of_parts[1::2] - of_parts[::2]
+    weighted = weights[:, :, None] * X[inside]
+    sums_to_edge = weighted.transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
+    return sums_of_whole_rows + sums_to_edge[1::2] - sums_to_edge[::2]
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:
     """VAF = 100 (1 - var(residual)/var(y)) [percent], of y and residual (n,); NaN without samples.
-    A y that does not vary beyond rounding is accounted for by 100 % if the residual does not vary
-    either, else by 0. Raises InputError: A value is not finite or cannot be measured."""
+
+    Where y does not vary beyond rounding, VAF is 100 if the residual does not vary either, else 0.
+    Raises InputError: a value is not finite or cannot be measured.
+    """
     check_measured("y", y)
     check_finite("the residual", residual)
     if not len(y):

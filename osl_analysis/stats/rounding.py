@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a result is rounded, everywhere alike: as its interval allows."""
+"""Rounding of results: an interval keeps two digits, and its number as many decimal places.
+
+Example: `written(300.123, 298.71, 301.55)` is `300.1 (298.7 to 301.6)`.
+"""
 
 import math
 from collections.abc import Mapping
@@ -25,17 +28,19 @@ def rounded_up(value: float) -> str:
 def decimal_places(
     value: float, low: float | None = None, high: float | None = None, unit: str = ""
 ) -> int:
-    """Decimal places that leave two digits of half of the interval. Without one they leave three
-    digits of the number, of a percentage near 100 two of what it leaves to 100, and of a whole
-    number none."""
+    """Decimal places for a number.
+
+    They keep two digits of the half-width. Without an interval they keep three digits of the
+    number; of a percentage near 100, two digits of the difference to 100; of a whole number, none.
+    """
     half = 0.0 if low is None or high is None else abs(high - low) / 2
     if half > 1e-9 * abs(value):
         return places_of(half, 2)
     if value == round(value):
         return 0
-    rest = 100 - value
-    if unit == "%" and 1e-6 < rest < 1:  # less is rounding, of more three digits show two
-        return places_of(rest, 2)
+    to_100 = 100 - value
+    if unit == "%" and 1e-6 < to_100 < 1:  # less is rounding; more shows in three digits
+        return places_of(to_100, 2)
     return places_of(abs(value), 3)
 
 
@@ -53,8 +58,11 @@ NOTHING = "–"
 
 
 def plus_minus(places: int, value: float, low: float | None, high: float | None) -> str:
-    """A number with half of its interval, both with so many decimal places, as `300.1 ± 1.4`; with
-    both ends where the number is not in their middle, and alone without them."""
+    """A number with its half-width, both with so many decimal places, as `300.1 ± 1.4`.
+
+    It has both ends in place of the half-width where it is not in their middle, and stands alone
+    without an interval.
+    """
     if low is None or high is None:
         return f"{value:z.{places}f}"
     half = (high - low) / 2

@@ -293,7 +293,7 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
         if name in QUANTITIES
     }
     K = budgets["K"].value
-    (of_offset,) = budgets["K"].of_source(Source.OFFSET)
+    (of_offset,) = budgets["K"].from_source(Source.OFFSET)
     estimates: dict[str, Any] = {}
     for name in QUANTITIES:
         estimates.update(budgets[name].columns(name))

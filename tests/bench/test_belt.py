@@ -150,7 +150,7 @@ def test_where_loading_begins_moves_a_bent_belt_as_its_budget_says():
 
     belt = belt_fits.belt_trial(Trial("b", bent), None, BeltAnalysis(cutoff_hz=15, order=4))
 
-    (begins,) = belt.whole.budget("K_s").of_source("loading_begins")
+    (begins,) = belt.whole.budget("K_s").from_source("loading_begins")
     moved = 100 * 0.5 * (2 - 1 / 2) * belt_fits.LOADED_SHARE
     assert begins.standard == pytest.approx(moved / 2, rel=0.1)
 

@@ -130,7 +130,7 @@ def test_friction_of_a_tenth_of_the_width_is_off_by_its_standard_error():
 
     fit = coulomb_fit(sums_of(sharp), fit_all_groups(sharp, IMPEDANCE)).without
 
-    (error,) = fit.budget("B").of_source("friction_sign")
+    (error,) = fit.budget("B").from_source("friction_sign")
     assert error.standard == pytest.approx(abs(fit["B"] - 4), rel=0.1)
 
 

@@ -99,7 +99,7 @@ def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
     lag = belt_of_leg(record_of_leg(leg(B_j=1.6 * P.B_j)), P).lag
 
     assert not lag.certain("lag_s")
-    (of_theta_m,) = lag.budget("lag_s").of_source("theta_m_delay")
+    (of_theta_m,) = lag.budget("lag_s").from_source("theta_m_delay")
     assert of_theta_m.standard == pytest.approx(0.6 * P.B_j / P.K_s / np.sqrt(3), rel=0.1)
 
 

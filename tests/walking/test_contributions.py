@@ -32,7 +32,7 @@ def responses(perturbed=8, unperturbed=8):
 
 
 def of_source(budget, source):
-    (found,) = budget.of_source(source)
+    (found,) = budget.from_source(source)
     return found
 
 
@@ -111,9 +111,9 @@ def test_what_nobody_has_measured_is_listed_with_its_size_per_unit():
 def test_a_window_and_an_offset_are_in_no_interval():
     budget = headline_of_responses(responses(), NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
 
-    chosen = [each.source for each in budget.of_parts("motion")]
+    chosen = [each.source for each in budget.in_parts("motion")]
     assert chosen == ["window", "offset"]
-    others = replace(budget, contributions=tuple(budget.of_parts("repeatability", "bench")))
+    others = replace(budget, contributions=tuple(budget.in_parts("repeatability", "bench")))
     assert budget.half_width() == others.half_width()
 
 

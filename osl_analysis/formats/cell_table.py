@@ -142,7 +142,8 @@ def table_of_rows(
         There is no table of numbers, or rows do not fit the header.
     """
     forms = forms_of(rows)
-    rows = plain_rows(rows, forms)
+    if forms:
+        rows = plain_rows(rows, forms)
     remarks = [form.remark for form in forms]
     shape = _shape_of(rows)
     first = _first_row_of_data(rows, shape)

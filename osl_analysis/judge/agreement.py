@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the trials of a campaign agree: repeats of a condition with one another, a condition with
-the others of its arm (joint, side, controller), and all of an arm with what was commanded.
+"""Find the trials of a campaign that do not agree with the others.
 
-A mistyped K_d, a loose clamp or a wrong unit leaves each trial sound. Intervals decide little here:
-real repeats scatter by more than the interval of one motion (5 to 60 times), so that the scatter of
-the campaign's own repeats is the measure.
+Repeats of a condition are compared with their median, a condition with the other conditions of its
+arm (joint, side, controller), and the whole arm with what was commanded. A mistyped K_d, a loose
+clamp or a wrong unit leaves each single trial sound.
+
+Within an arm 1/K = slope/K_d + compliance, a spring K_d in series with another one; the line is by
+medians (Theil, 1950; Sen, 1968). Real repeats scatter 5 to 60 times wider than the interval of one
+motion. So the measure is the scatter of the campaign's own repeats.
+
+Example: of four trials with K_d = 90 and K = 89.8, 90.1, 90.3 and 60.0 the last has a finding.
 """
 
 import math
@@ -31,13 +36,14 @@ CONDITION_OF_REPEATS = (*ARM, "K_d", "B_d", "excitation")
 UNLIKE = Source.UNLIKE_OTHER_TRIALS
 FACTOR = Source.COMMON_FACTOR
 
-MOST_SCATTERS = 7.0  # times the median standard deviation of conditions, from the median of one
-UNKNOWN_SCATTER = 3.0  # times what is needed: by how much repeats may differ where it is not
+MOST_SCATTERS = 7.0  # median standard deviations of conditions, from the median of one condition
+# times the needed accuracy: by how much repeats may differ where their scatter is unknown
+UNKNOWN_SCATTER = 3.0
 FEWEST = 3  # conditions with repeats, or trials of an arm, from which their scatter is known
 MOST_HALF_WIDTHS = 2.0  # of the difference of two trials
-MOST_BESIDE = 0.1  # of K; what friction, a bending frame and a gain move it
+MOST_OFF_LINE = 0.1  # share of K by which friction, a bending frame or a gain moves it
 MOST_DEVIATIONS = 6.0  # median deviations of an arm: four standard deviations
-MOST_OF_GAINS = K_UNLIKE_SHEET.high - 1  # by which a controller may miss what was asked
+MOST_OF_GAINS = K_UNLIKE_SHEET.high - 1  # share by which a controller may miss what was commanded
 
 
 def disagreements(rows: Iterable[FitRow], needed: Mapping[str, float]) -> list[Finding]:
@@ -48,35 +54,36 @@ def disagreements(rows: Iterable[FitRow], needed: Mapping[str, float]) -> list[F
     rows : Iterable of Row
         One per trial, with K, B, I, the ends of their intervals, and its `DOUBTS`.
     needed : Mapping of str to float
-        The change of K, B and I that matters, as a share of itself.
+        The change of K, B and I that matters, as a share of the estimate.
 
     Returns
     -------
     list of Finding
-        One on K of a trial beside its repeats, else beside its arm, which is about all of the
-        trial: it may be of another condition. Without it, those on B and I; and on a common factor.
+        A finding on K where a trial differs from its repeats, else where it differs from its arm.
+        It is about the whole trial, which may be of another condition. A trial without one may
+        have findings on B and I. An arm may have a common factor.
     """
     comparable = [row for row in rows if row.get("K_d") and row.get("K")]
-    told: dict[str, Finding] = {}  # on K, by trial
-    others: list[Finding] = []
+    on_K: dict[str, Finding] = {}  # by trial; at most one each
+    further: list[Finding] = []
     scatters: dict[str, float] = {}  # of the arm, by trial
     for arm in grouped(comparable, ARM):
-        scatter, off_line = beside_line(arm)
-        told |= off_line
+        scatter, farthest = findings_off_line(arm)
+        on_K |= farthest
         scatters |= dict.fromkeys([row["trial"] for row in arm], scatter)
-        others += common_factor(arm, needed)
+        further += common_factor(arm, needed)
     repeats = [rows for rows in grouped(comparable, CONDITION_OF_REPEATS) if len(rows) > 1]
-    for of_condition in differing_repeats(repeats, "K", needed["K"], scatters):
-        of_line = {trial: of_condition[trial] for trial in of_condition if trial in told}
-        told |= of_line or of_condition
+    for differing in differing_repeats(repeats, "K", needed["K"], scatters):
+        differing_from_line = {trial: differing[trial] for trial in differing if trial in on_K}
+        on_K |= differing_from_line or differing
     for symbol in "BI":
-        for of_condition in differing_repeats(repeats, symbol, needed[symbol], {}):
-            others += [of_condition[trial] for trial in of_condition if trial not in told]
-    return [*told.values(), *others]
+        for differing in differing_repeats(repeats, symbol, needed[symbol], {}):
+            further += [differing[trial] for trial in differing if trial not in on_K]
+    return [*on_K.values(), *further]
 
 
 def grouped(rows: Iterable[FitRow], columns: Sequence[str]) -> list[list[FitRow]]:
-    """The rows by those that agree in these columns."""
+    """The rows, grouped by equal cells in these columns."""
     groups: dict[tuple[Any, ...], list[FitRow]] = {}
     for row in rows:
         groups.setdefault(tuple(map(row.get, columns)), []).append(row)
@@ -99,8 +106,10 @@ def half_widths(rows: Sequence[FitRow], symbol: str) -> Array:
 
 
 def finding_on(row: FitRow, symbol: str, expected: float, most: float, size: str) -> Finding:
-    """The finding that an estimate of a trial is beside what is `expected` by more than `most`.
-    One on K is about all of the trial."""
+    """The finding that an estimate differs from what is `expected` by more than `most`.
+
+    A finding on K is about the whole trial.
+    """
     difference = row[symbol] - expected
     side = "above" if difference > 0 else "below"
     limit = expected + math.copysign(most, difference)
@@ -119,13 +128,16 @@ def condition_text(row: FitRow) -> str:
 
 
 def differing_repeats(
-    repeats: Iterable[Sequence[FitRow]], symbol: str, needed: float, of_arm: Mapping[str, float]
+    repeats: Iterable[Sequence[FitRow]],
+    symbol: str,
+    needed: float,
+    scatter_of_arm: Mapping[str, float],
 ) -> Iterator[dict[str, Finding]]:
-    """The repeats of each condition, by trial, that are farther from their median than is needed,
-    than other repeats of the campaign scatter, and than their intervals; of two, both.
+    """Yield the repeats of each condition that are far from their median, by trial; of two, both.
 
-    Two must differ by more than the trials of their arm scatter about its line (`of_arm`), too. A
-    doubtful estimate beside clear ones need not differ by more than others do.
+    Far is farther than the needed accuracy, the scatter of other repeats of the campaign, and the
+    intervals. Two repeats must also differ by more than the trials of their arm scatter about its
+    line (`scatter_of_arm`). A doubtful estimate among clear ones is not compared with the scatter.
     """
     conditions = []
     for rows in repeats:
@@ -140,31 +152,33 @@ def differing_repeats(
         are_doubtful = np.array([bool(doubts_about(row[DOUBTS], [symbol])) for row in rows])
         shares = np.where(are_doubtful & ~are_doubtful.all(), needed, usual)
         if len(rows) == 2:
-            shares = np.maximum(shares, MOST_DEVIATIONS * of_arm.get(rows[0]["trial"], 0.0))
+            shares = np.maximum(shares, MOST_DEVIATIONS * scatter_of_arm.get(rows[0]["trial"], 0.0))
         halves = half_widths(rows, symbol)
         most = np.maximum(shares * size, MOST_HALF_WIDTHS * np.hypot(halves, np.median(halves)))
         median = float(np.median(values))
         texts = ", ".join(to_places(places_of(size, 3), *values))
-        said = f"{symbol} {texts} of {condition_text(rows[0])}"
-        found = {}
+        values_text = f"{symbol} {texts} of {condition_text(rows[0])}"
+        findings = {}
         for row, limit in zip(rows, most.tolist(), strict=True):
             if abs(row[symbol] - median) > limit:
-                size_text = f"{said}: {row['trial']}"
-                found[row["trial"]] = finding_on(row, symbol, median, limit, size_text)
-        yield found
+                size_text = f"{values_text}: {row['trial']}"
+                findings[row["trial"]] = finding_on(row, symbol, median, limit, size_text)
+        yield findings
 
 
-def beside_line(arm: Sequence[FitRow]) -> tuple[float, dict[str, Finding]]:
-    """How the trials of an arm scatter about its line, as a median deviation, and the one, by its
-    name, whose K is farthest from what the others, as a spring K_d in series with another one, let
-    expect."""
+def findings_off_line(arm: Sequence[FitRow]) -> tuple[float, dict[str, Finding]]:
+    """The scatter of an arm's trials about its line, and the finding on the trial farthest from it.
+
+    The scatter is a median deviation, as a share of K. The finding is by the trial's name; none if
+    its K is as the other trials let expect.
+    """
     rows = [row for row in arm if row["K"] > 0]
     if len(rows) < FEWEST:
         return 0.0, {}
     K_d = column_numbers(rows, "K_d")
     K = column_numbers(rows, "K")
     expected, scatters = np.transpose([by_others(K_d, K, i) for i in range(len(K))])
-    shares = np.maximum(MOST_BESIDE, MOST_DEVIATIONS * scatters)
+    shares = np.maximum(MOST_OFF_LINE, MOST_DEVIATIONS * scatters)
     most = np.maximum(shares * expected, MOST_HALF_WIDTHS * half_widths(rows, "K"))
     excess = np.abs(K - expected) / most
     worst = int(np.argmax(excess))
@@ -174,13 +188,14 @@ def beside_line(arm: Sequence[FitRow]) -> tuple[float, dict[str, Finding]]:
         f"K {significant(row['K'], 3)} of {condition_text(row)}, where the other trials let expect"
         f" {significant(by_line, 3)} N*m/rad"
     )
-    found = {row["trial"]: finding_on(row, "K", by_line, float(most[worst]), size)}
-    return float(np.median(scatters)), found if excess[worst] > 1 else {}
+    findings = {row["trial"]: finding_on(row, "K", by_line, float(most[worst]), size)}
+    return float(np.median(scatters)), findings if excess[worst] > 1 else {}
 
 
 def by_others(K_d: Array, K: Array, i: int) -> tuple[float, float]:
-    """K [N*m/rad] that the other trials let expect of the i-th, and the median deviation by which
-    they are beside their line themselves, as a share.
+    """K [N*m/rad] of the i-th trial as the others let expect, and their own scatter.
+
+    The scatter is their median deviation from their line, as a share of K.
 
     The line 1/K = slope/K_d + compliance has the median of all slopes between trials (Theil, 1950;
     Sen, 1968); of two conditions, or with a negative compliance, it goes through 0.
@@ -200,22 +215,25 @@ def by_others(K_d: Array, K: Array, i: int) -> tuple[float, float]:
 
 
 def common_factor(arm: Sequence[FitRow], needed: Mapping[str, float]) -> Iterator[Finding]:
-    """The factor that K/K_d and B/B_d of an arm share, to what is needed of them: a gain, or a unit
-    of the torque, which is a doubt. A spring in series would spread K/K_d."""
+    """Yield findings where K/K_d and B/B_d of an arm have one factor in common.
+
+    They agree to the needed accuracy. The cause is a gain, or a unit of the torque, which is a
+    doubt. A spring in series would not do so: it spreads K/K_d.
+    """
     rows = [row for row in arm if row.get("B_d") and row.get("B")]
     if len(rows) < FEWEST:
         return
-    of_K = column_numbers(rows, "K") / column_numbers(rows, "K_d")
+    ratios_of_K = column_numbers(rows, "K") / column_numbers(rows, "K_d")
     B = np.array([row.get("B_viscous") or row["B"] for row in rows])
-    factor = np.median(of_K)
+    factor = np.median(ratios_of_K)
     factor_of_B = np.median(B / column_numbers(rows, "B_d"))
-    spread = np.median(np.abs(of_K / factor - 1))
+    spread = np.median(np.abs(ratios_of_K / factor - 1))
     is_common = abs(factor_of_B / factor - 1) < needed["B"] and spread < needed["K"]
     if not is_common or abs(factor - 1) < MOST_OF_GAINS:
         return
-    units = factors_near(factor, ["torque"], MOST_BESIDE)
-    said = f"K is {factor:.3g} times K_d, and B {factor_of_B:.3g} times B_d"
-    size = "; ".join([said, *units])
+    units = factors_near(factor, ["torque"], MOST_OFF_LINE)
+    values_text = f"K is {factor:.3g} times K_d, and B {factor_of_B:.3g} times B_d"
+    size = "; ".join([values_text, *units])
     grade = Grade.DOUBTS if units else Grade.NOTES
     for row in rows:
         evidence = (Beyond("K", row["K"], row["K_d"], "above", FACTOR),)

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The findings on all trials of a campaign, and what a reader must know of them: causes with their
-trials, in the same words at the end of a run, by `results` and on the page."""
+"""Gather the findings of a campaign, and count trials by cause.
+
+The end of a run, the command `results` and the page say these causes in the same words.
+
+Example: `causes_in_campaign(findings, tables, verdicts)[0].sentence`.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,14 +39,14 @@ SHOWN_BY_SPRING = ("late_torque", "wrong_gain", "fixture_inertia")
 
 
 def campaign_findings(
-    of_tables: Sequence[Finding], verdicts: pl.DataFrame, is_calibrated: bool = False
+    on_tables: Sequence[Finding], verdicts: pl.DataFrame, is_calibrated: bool = False
 ) -> list[Finding]:
     """All findings of a campaign.
 
     Parameters
     ----------
-    of_tables : Sequence of Finding
-        Those on the rows of its tables (`table_findings`).
+    on_tables : Sequence of Finding
+        Findings on the rows of its tables (`table_findings`).
     verdicts : polars.DataFrame
         `quality.csv`.
     is_calibrated : bool
@@ -51,15 +55,17 @@ def campaign_findings(
     Returns
     -------
     list of Finding
-        Failed checks of recordings, without those of what the fit to the recording tells, and those
-        of the tables.
+        Failed checks of recordings, then the findings on tables. A check is left out where the fit
+        to the same recording is doubtful by the same source.
     """
-    doubts = [finding for finding in of_tables if finding.grade is Grade.DOUBTS]
-    told = {fact_of(doubt) for doubt in doubts if not doubt.is_of_part}
-    of_recordings = [each for each in failed_checks(verdicts) if fact_of(each) not in told]
+    doubts = [finding for finding in on_tables if finding.grade is Grade.DOUBTS]
+    facts_of_fits = {fact_of(doubt) for doubt in doubts if not doubt.is_of_part}
+    on_recordings = [
+        check for check in failed_checks(verdicts) if fact_of(check) not in facts_of_fits
+    ]
     if is_calibrated:
-        return [*of_recordings, *map(with_its_calibration, of_tables)]
-    return [*of_recordings, *of_tables]
+        return [*on_recordings, *map(with_its_calibration, on_tables)]
+    return [*on_recordings, *on_tables]
 
 
 def table_findings(
@@ -69,17 +75,17 @@ def table_findings(
     faults: Mapping[str, str] | None = None,
     budget: pl.DataFrame | None = None,
 ) -> list[Finding]:
-    """The findings on all rows of a table over trials: what `judged` finds of each, and, of trials
-    of impedance, that they do not agree with others."""
-    of_rows = judged(table, limits, name, faults, budget)
+    """The findings on all rows of a table: those of each row (`judged`), and for trials of
+    impedance those by comparison with other trials (`disagreements`)."""
+    by_row = judged(table, limits, name, faults, budget)
     if name != "impedance":
-        return list(chain(*of_rows))
+        return list(chain(*by_row))
     whole_trials = {
         row["trial"]: row
-        for row in with_findings(table, of_rows).to_dicts()
+        for row in with_findings(table, by_row).to_dicts()
         if row.get("amplitude_deg") is None and row.get(WHY_NO_FIT) is None
     }
-    findings = list(chain(*of_rows))
+    findings = list(chain(*by_row))
     for finding in disagreements(whole_trials.values(), limits.accuracy.model_dump()):
         row = whole_trials[finding.subject]
         placed = replace(finding, joint=row.get("joint"), side=row.get("side"))
@@ -88,7 +94,7 @@ def table_findings(
 
 
 def with_its_calibration(finding: Finding) -> Finding:
-    """A campaign that has recorded a known spring is told to state what this says."""
+    """The finding with the remedy of a campaign that has recorded a known spring or inertia."""
     if finding.grade is not Grade.UNCHECKED or finding.source not in SHOWN_BY_SPRING:
         return finding
     remedy = "State what calibration.csv says of this bench (`to_state`), and run again"
@@ -96,7 +102,7 @@ def with_its_calibration(finding: Finding) -> Finding:
 
 
 def fact_of(finding: Finding) -> tuple[str, str]:
-    """The cause and the trial of a finding."""
+    """The source and the trial of a finding."""
     return finding.source, finding.subject
 
 
@@ -124,14 +130,15 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[Finding]:
 
 
 def exclusion_report(excluded: pl.DataFrame) -> str:
-    """Tell which trials `excluded.csv` has, for the end of a run; refused ones have lines of their
-    own, also where they fail a check.
+    """List the excluded trials of `excluded.csv` for the end of a run.
+
+    Refused trials are left out, also where they fail a check: they have lines of their own.
 
     Returns
     -------
     str
-        A line per trial that the sheet excludes; trials that fail the same check share one, and so
-        do crossings that cannot be used.
+        A line for each trial that the sheet excludes, for each failed check, and for all crossings
+        that cannot be used.
     """
     lines = [
         f"excluded by the sample sheet: {trial} ({why})"
@@ -155,12 +162,12 @@ def exclusion_report(excluded: pl.DataFrame) -> str:
 
 
 RANKS = ("doubtful", "doubtful in part", "flagged", "remark", "not checked")
-"""Verdicts in the order in which they are told."""
+"""Verdicts in the order in which they are printed."""
 
 
 @dataclass(frozen=True)
 class CampaignFinding:
-    """A cause, or a thing that could not be checked, with its trials, as `summary.json` has it.
+    """A cause, or a check that was not possible, with its trials, as `summary.json` has it.
 
     Attributes
     ----------
@@ -170,18 +177,18 @@ class CampaignFinding:
         What was judged, such as `impedance trials`, or `impedance trials, at single amplitudes
         alone`.
     source, cause
-        As of a `Finding`.
+        Source and title, as in `Finding`.
     says, size, remedy
-        What is wrong, how large, and what to do, for one of its trials.
+        What is wrong, how large it is, and what to do, for the trial `worst`.
     n
         Number of all trials that were judged.
     brief
         What to do, in a few words.
     trials
-        Those with this cause.
+        Trials with this cause.
     worst
-        The trial of which the words are: the one whose first number is farthest beyond its limit,
-        or the first. Another may have a larger size in another number.
+        The trial whose first number is farthest beyond its limit, or the first trial. Another trial
+        may have a larger size in another number.
     """
 
     verdict: str
@@ -198,25 +205,25 @@ class CampaignFinding:
 
     @property
     def counts(self) -> str:
-        """The cause, and on how many of the trials it is."""
+        """The cause, and the number of its trials."""
         return f"{self.cause}: {len(self.trials)} of {self.n} {self.subject}"
 
     @property
     def size_in_trial(self) -> str:
-        """How large it is, and in which of several trials."""
+        """The size, and the trial that it is of."""
         is_of_several = self.size and len(self.trials) > 1
         return f"as in {self.worst}, {self.size}" if is_of_several else self.size
 
     @property
     def sentence(self) -> str:
-        """All of it, with the first of its trials."""
+        """The whole finding in a sentence, with its first trials."""
         words = sentence_of(self.says, self.size_in_trial, self.remedy)
         trials = listing(self.trials, MOST_NAMED)
         return f"{self.verdict}, {self.counts}: {words} [{trials}]"
 
     @property
     def is_result(self) -> bool:
-        """Whether it is a property of the device, and not one that could not be checked."""
+        """Whether the cause is a property of the device, and was checked."""
         return self.verdict != Grade.UNCHECKED and known_finding(self.source).is_result
 
 
@@ -226,8 +233,10 @@ def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
 
 
 def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, tuple[str, int]]:
-    """The tables of a campaign that are judged, by name, in the order of the experiments: what was
-    judged, such as `impedance trials`, and how many trials or groups."""
+    """The judged tables of a campaign, by name, in the order of the experiments.
+
+    Each has what was judged, such as `impedance trials`, and the number of trials or groups.
+    """
     judged = {}
     for facts in EXPERIMENTS.values():
         kinds = {table.name: " trials" for table in facts.tables if table.judged}
@@ -244,12 +253,12 @@ def causes_in_campaign(
     tables: Mapping[str, pl.DataFrame],
     verdicts: pl.DataFrame,
 ) -> list[CampaignFinding]:
-    """Gather what a reader must know of a campaign.
+    """Count the trials of a campaign by cause.
 
     Parameters
     ----------
     findings : Sequence of Finding
-        Those of the campaign (`campaign_findings`).
+        Findings of the campaign (`campaign_findings`).
     tables : Mapping of str to polars.DataFrame
         Result tables by name, which give the numbers of trials.
     verdicts : polars.DataFrame
@@ -267,8 +276,8 @@ def causes_in_campaign(
     doubtful = {finding.subject for finding in doubts if not finding.is_of_part}
     verdicts_of = {Grade.DOUBTS: "doubtful", Grade.NOTES: "remark", Grade.UNCHECKED: "not checked"}
 
-    # by the fields of a cause, and the check that tells it; the last finding on a trial counts,
-    # which is on all of it
+    # by the fields of a cause and the failed check; the last finding on a trial counts, which is
+    # about the whole trial
     by_cause: dict[tuple[str, str, int, str, str], dict[str, Finding]] = {}
     for finding in findings:
         is_doubt = finding.grade is Grade.DOUBTS
@@ -288,18 +297,17 @@ def causes_in_campaign(
             n = verdicts.filter(check=check)["trial"].n_unique()
         else:
             continue
-        of_trials = by_cause.setdefault((verdict, subject, n, finding.source, check), {})
-        of_trials[finding.subject] = finding
+        by_trial = by_cause.setdefault((verdict, subject, n, finding.source, check), {})
+        by_trial[finding.subject] = finding
     causes = []
-    for (verdict, subject, n, source, _), of_trials in by_cause.items():
-        # with its words and its size in the `worst` of its trials
-        worst = max(of_trials, key=lambda trial: of_trials[trial].excess)
-        of_worst = of_trials[worst]
-        says = str(of_worst.says)
-        if says and len({finding.says for finding in of_trials.values()}) > 1:
+    for (verdict, subject, n, source, _), by_trial in by_cause.items():
+        worst = max(by_trial, key=lambda trial: by_trial[trial].excess)
+        worst_finding = by_trial[worst]
+        says = str(worst_finding.says)
+        if says and len({finding.says for finding in by_trial.values()}) > 1:
             says = f"{says} (in {worst})"
         kind = known_finding(source)
-        remedy = str(of_worst.remedy)
+        remedy = str(worst_finding.remedy)
         is_in_part = verdict == "doubtful in part"
         causes.append(
             CampaignFinding(
@@ -309,10 +317,10 @@ def causes_in_campaign(
                 cause=kind.title,
                 n=n,
                 brief="leave out rows marked doubtful" if is_in_part else kind.brief or remedy,
-                trials=list(of_trials),
+                trials=list(by_trial),
                 worst=worst,
                 says=says,
-                size=of_worst.size,
+                size=worst_finding.size,
                 remedy=remedy,
             )
         )

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The checks of recordings (`ingest/quality.py` measures them): what they find, and the thresholds
-that the shipped configuration states for them, under `quality`."""
+"""The checks of recordings: their sources, and their thresholds in the shipped configuration.
+
+`ingest/quality.py` measures the values; the configuration has the thresholds under `quality`.
+
+Example: `CHECKS["gap"].failed(0.2, limit=0.05)`.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,17 +23,18 @@ class Check:
     Attributes
     ----------
     name
-        As under `quality` in the configuration.
+        Its name under `quality` in the configuration.
     source
-        What a value beyond the threshold is a finding of.
+        The source of the finding where its value is beyond the threshold.
     unit
-        Of its value and threshold.
+        The unit of its value and threshold.
     threshold
-        That of the shipped configuration; 0, where it states none: a single fault is beyond it.
+        The threshold of the shipped configuration; 0 where there is none: a single fault is beyond
+        it.
     fails
-        The side of its threshold on which it fails.
+        The side of the threshold on which the check fails.
     excludes
-        Whether, by the shipped configuration, its failure keeps a trial out of all other tables.
+        Whether its failure keeps a trial out of all other tables in the shipped configuration.
     """
 
     name: str
@@ -41,7 +46,7 @@ class Check:
 
     @property
     def meaning(self) -> str:
-        """What its value means."""
+        """The meaning of its value, in words."""
         return MEANINGS_OF_CHECKS[self.name]
 
     def failed(self, value: float | None, limit: float) -> bool:

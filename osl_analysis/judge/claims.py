@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The claims of a paper, a file of its author's (`config/claims/draft.yaml` explains the fields),
-each compared with the numbers of a campaign.
+"""Compare the claims of a paper with the numbers of a campaign.
 
-A number, or a pair of numbers of two controllers, meets its claim if it lies within the margin of
-its target, or is nearer to it by more than the margin. It does so certainly if its whole interval
-does, and certainly not if none of it does; a number without an interval counts by its value.
+The author writes the claims in a file; `config/claims/draft.yaml` explains its fields. A number
+meets its claim if it lies within the margin of its target. A pair of numbers of two controllers
+meets it if the first is nearer to the target by more than the margin. The claim is met certainly if
+the whole interval meets it, and missed certainly if no part does. A number without an interval
+counts by its value.
+
+Example: `claims_table(tables, read_claims(Path("config/claims/draft.yaml")))`.
 """
 
 import math
@@ -32,7 +35,7 @@ NOT_TESTED = "not tested"
 
 
 def parsed(text: str | float) -> str:
-    """An expression of columns, which is one."""
+    """The text, if it is an expression of columns; ValueError otherwise."""
     try:
         pl.sql_expr(str(text))
     except pl.exceptions.PolarsError as error:
@@ -44,7 +47,7 @@ Expression = Annotated[str, BeforeValidator(parsed)]
 
 
 class Claim(Settings):
-    """A sentence of the text, and what it is compared with."""
+    """A sentence of the text, and the number that it is compared with."""
 
     says: str  # The sentence.
     at: str  # Where it stands in the text.
@@ -70,8 +73,8 @@ class Claim(Settings):
 
 
 def read_claims(path: Path) -> dict[str, Claim]:
-    """The claims of a file by name. InputError: as `read_yaml`, or a claim asks for a table or a
-    column that there is not."""
+    """The claims of a file by name. InputError: as `read_yaml`, or a claim asks for an unknown
+    table or column."""
     claims = {
         name: validated(fields, Claim, f"{path}: {name}", ())
         for name, fields in read_mapping(path).items()
@@ -97,16 +100,16 @@ def claims_table(tables: Mapping[str, pl.DataFrame], claims: Mapping[str, Claim]
     tables
         The campaign's result tables, by name, with the doubts about their rows.
     claims
-        By name.
+        Claims by name.
 
     Returns
     -------
     polars.DataFrame
-        `claims.csv`: a row per claim, and for each joint and side that its table has.
+        `claims.csv`: a row for each claim, joint and side of its table.
     """
     tested = []
     for name, claim in claims.items():
-        stated = {
+        statement = {
             "name": name, "claim": claim.says, "at": claim.at, "unit": claim.unit,
             "margin": claim.margin,
         }  # fmt: skip
@@ -114,7 +117,7 @@ def claims_table(tables: Mapping[str, pl.DataFrame], claims: Mapping[str, Claim]
         places = [place for place in PLACE if place in rows.columns]
         for part in rows.partition_by(places) if places else [rows]:
             place = part.select(places).row(0, named=True) if places else {}
-            tested.append({**dict.fromkeys(PLACE), **place, **stated, **result_of(claim, part)})
+            tested.append({**dict.fromkeys(PLACE), **place, **statement, **result_of(claim, part)})
     return table_of(tested, "claims")
 
 
@@ -142,20 +145,25 @@ def result_of(claim: Claim, table: pl.DataFrame) -> dict[str, Any]:
 
 
 def paired(claim: Claim, rows: pl.DataFrame) -> pl.DataFrame:
-    """A row per pair of both controllers: `value`, how much nearer to its target than that of the
-    other a number is (negative: farther), with the root of the sum of both squared half-widths;
-    null where one of them has no number."""
+    """A row per pair of both controllers, whose `value` is the difference of their distances.
+
+    It says how much nearer to its target the number of the first is; negative: farther. Its
+    half-width is the root of the sum of both squared half-widths. It is null where one controller
+    has no number.
+    """
     distances = rows.with_columns(
         distance=(pl.col("number") - pl.col("target")).abs(),
         half=(pl.col("high") - pl.col("low")) / 2,
     )
-    of_arm = [
+    by_controller = [
         distances.filter(controller=name)
         .group_by(claim.pairs, maintain_order=True)
         .agg(pl.col("distance", "half").mean())
         for name in (claim.controller, claim.than)
     ]
-    pairs = of_arm[0].join(of_arm[1], on=claim.pairs, nulls_equal=True, suffix="_of_other")
+    pairs = by_controller[0].join(
+        by_controller[1], on=claim.pairs, nulls_equal=True, suffix="_of_other"
+    )
     value = pl.col("distance_of_other") - pl.col("distance")
     half = (pl.col("half").pow(2) + pl.col("half_of_other").pow(2)).sqrt()
     return pairs.with_columns(
@@ -168,7 +176,7 @@ def paired(claim: Claim, rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, Any]:
-    """Counts, mean and verdict of the outcomes of `among` conditions that could be compared."""
+    """Counts, mean and verdict of the conditions that could be compared, of `among` in all."""
     n = len(compared)
     low, high = pl.coalesce("low", "value"), pl.coalesce("high", "value")
     below, above = pl.col("below"), pl.col("above")
@@ -207,9 +215,9 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
 
 
 def verdict_of(n: int, among: int, met: int, certain: int, missed: int) -> str:
-    """`holds`, `fails`, `mixed` or `undecided`, by how many of n meet a claim, do so certainly, and
-    certainly do not."""
-    if 2 * n < among:  # they do not stand for all of them
+    """`holds`, `fails`, `mixed` or `undecided`, by how many of n numbers meet a claim, meet it
+    certainly, and miss it certainly."""
+    if 2 * n < among:  # less than half of the conditions do not stand for all
         return "undecided"
     if met == n and 2 * certain > n:
         return "holds"

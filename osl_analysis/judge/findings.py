@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A finding on a trial or a fit as a value, and the table of findings, which decides.
+"""Findings on trials and fits as values, and the table of findings.
 
-Each finding is made once (`judge/judging.py`, `judge/agreement.py`) and stored as Parquet. Whatever
-later asks whether an estimate is doubtful joins that table by its columns (`judge/joining.py`).
-`findings.csv` and all texts are views for people.
+Each finding is made once (`judge/judging.py`, `judge/agreement.py`) and stored as Parquet. All code
+that needs to know whether an estimate is doubtful joins this table by its columns
+(`judge/joining.py`). `findings.csv` and all texts are views for people.
+
+Example: `findings_in(findings_table([Finding(Source.FRICTION, "impedance", "a")]))`.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,31 +25,32 @@ WIDE_INTERVAL = Source.WIDE_INTERVAL  # source of a remark: an interval is wider
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was found in a row of a table: a cause of doubt, something that could not be
-    checked, or a remark.
+    """A finding on a row of a table: a cause of doubt, a check that was not possible, or a remark.
 
     Attributes
     ----------
     source
-        What was found, the value of a `Source`: a source of the budget, or what a check of the
-        recording or a rule finds.
+        The cause: a source of the budget, or what a check of the recording or a rule finds.
     table
         The name of the table.
     subject
         The trial or the group.
     grade
-        Its verdict: what it does to the trial or fit.
+        The consequence for the trial or fit.
     evidence
         Numbers beyond their limits; none for what could not be checked.
     amplitude_deg
-        That of the row; None: all.
+        The amplitude of the row [deg]; None: all amplitudes.
     estimates
-        Those that it is about; none: all of the fit.
+        The estimates that it concerns; none: the whole fit.
     joint, side
-        Of the trial, as the sheet states them.
-    says, size, remedy
-        What is wrong and what it does to the results; how large it is in this row, empty if not
-        known; and what to do, empty for nothing. `worded` fills in what is empty.
+        Joint and side of the trial, as the sheet states them.
+    says
+        What is wrong, and what it does to the results.
+    size
+        How large it is in this row; empty if not known.
+    remedy
+        What to do; empty for nothing. `worded` fills in what is empty.
 
     Examples
     --------
@@ -71,17 +74,17 @@ class Finding:
 
     @property
     def cause(self) -> str:
-        """What users call it in every table and on the page."""
+        """Its name in every table and on the page."""
         return known_finding(self.source).title
 
     @property
     def excess(self) -> float:
-        """By how much its first number is beyond its limit; 0 without any."""
+        """How far its first number is beyond its limit; 0 without a number."""
         return self.evidence[0].excess if self.evidence else 0.0
 
     @property
     def is_result(self) -> bool:
-        """Whether it is a property of the device, which is then not of second order."""
+        """Whether it is a property of a device that is not of second order."""
         return self.grade is not Grade.UNCHECKED and known_finding(self.source).is_result
 
     @property
@@ -93,7 +96,7 @@ class Finding:
 # The table of findings
 
 GRADES = pl.Enum([grade.value for grade in Grade])
-SOURCES = pl.Enum([source.value for source in Source])  # a name that there is not is refused
+SOURCES = pl.Enum([source.value for source in Source])  # an unknown name is refused
 COLUMNS: Mapping[str, Any] = {
     "finding": pl.Int64,  # its number; a finding has a row for each of its numbers, or one
     "table": pl.String,
@@ -107,7 +110,7 @@ COLUMNS: Mapping[str, Any] = {
     "evidence": pl.String,  # the column, or the check, whose number is beyond its limit
     "value": pl.Float64,
     "limit": pl.Float64,
-    "probability": pl.Float64,  # of a fault that a budget weighs
+    "probability": pl.Float64,  # of a weighed fault
     "cause": pl.String,  # the title of its source, and three sentences, for people
     "says": pl.String,
     "size": pl.String,
@@ -117,7 +120,7 @@ COLUMNS: Mapping[str, Any] = {
 
 
 def findings_table(findings: Iterable[Finding]) -> pl.DataFrame:
-    """Findings as a table of `COLUMNS`, a row per number of evidence."""
+    """Findings as a table of `COLUMNS`, with a row for each number of evidence."""
     rows: list[dict[str, Any]] = []
     for number, finding in enumerate(findings, start=1):
         shared = {
@@ -136,13 +139,13 @@ def findings_table(findings: Iterable[Finding]) -> pl.DataFrame:
             "remedy": str(finding.remedy) or None,
         }
         for beyond in finding.evidence:
-            of_number = {
+            number_cells = {
                 "evidence": beyond.column,
                 "value": beyond.value,
                 "limit": beyond.limit,
                 "probability": beyond.probability,
             }
-            rows.append({**shared, **of_number})
+            rows.append({**shared, **number_cells})
         if not finding.evidence:
             rows.append(shared)
     return pl.DataFrame(rows, schema=COLUMNS)
@@ -178,7 +181,7 @@ def findings_in(table: pl.DataFrame) -> list[Finding]:
 
 
 def read_findings(paths: Iterable[Path]) -> list[Finding]:
-    """The findings in some Parquet files, in their order; none of one that was refused."""
+    """The findings in some Parquet files, in their order. A refused file has none."""
     findings = []
     for path in paths:
         if not not_analysed(path):
@@ -188,12 +191,12 @@ def read_findings(paths: Iterable[Path]) -> list[Finding]:
 
 
 def view_of(table: pl.DataFrame) -> pl.DataFrame:
-    """A table of findings as CSV can hold it, for people: with the estimates in one text."""
+    """A table of findings as CSV can hold it: the estimates of a finding are one text."""
     estimates = pl.col("estimates").list.join(", ").replace("", None)
     return table.with_columns(estimates, pl.col("grade", "source").cast(pl.String))
 
 
 def fit_of(row: AnyRow) -> tuple[str, float | None]:
-    """What tells the fit of a row: trial, or group of crossings, and amplitude [deg]."""
+    """The key of a row's fit: its trial or group of crossings, and its amplitude [deg]."""
     subjects = [row[key] for key in ("trial", "group") if row.get(key) is not None]
     return str(subjects[0]) if subjects else "", cell_number(row, "amplitude_deg")

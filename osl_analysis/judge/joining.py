@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Findings joined to the rows of result tables: as typed columns, by which anything later decides,
-and as text columns, which people read and no code.
+"""Join findings to the rows of result tables.
 
-A row has the findings about its fit: those on its trial, or group of crossings, and its amplitude.
-A row of a single amplitude has the doubts about the fit to all of its trial, too: a clipped or late
-torque concerns everything from the same samples.
+Typed columns decide: means, figures and claims read them. Text columns are for people, and no code
+reads them.
+
+A row has the findings on its fit, by trial or group of crossings and by amplitude. A row of a
+single amplitude also has the doubts about the fit to its whole trial: a clipped or late torque
+concerns all that comes from the same samples.
+
+Example: `joined(impedance, "impedance", findings)["doubts"]`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,8 +29,8 @@ from osl_analysis.stats.doubts import DOUBT_TYPE, DOUBTS
 
 RowFindings = list[list[Finding]]  # for each row of a table
 GROUP_DOUBTS = "group_doubts"
-"""Column of `walking_summary.csv`: the doubts about a row's group. Unlike `DOUBTS` they leave no
-row out of a mean: a group's estimate is one of all its crossings."""
+"""Column of `walking_summary.csv`: the doubts about a row's group. Unlike `DOUBTS` they take no row
+out of a mean: a group's estimate is that of all its crossings."""
 WIDE_ESTIMATES = "wide_estimates"  # column: estimates whose intervals are wider than needed
 RESULTS = "results"  # column: sources that are properties of the device, as friction
 JOINED_COLUMNS = {
@@ -36,12 +40,12 @@ JOINED_COLUMNS = {
 }
 SUMMARISED_GROUPS = "walking_summary"
 JUDGED_AS: Mapping[str, str] = {**DOUBTS_OF, SUMMARISED_GROUPS: "walking_groups"}
-"""By table whose rows are not judged for themselves, the table with the findings about them."""
+"""By table whose rows have no findings of their own, the table whose findings they have."""
 WHY_NO_FIT = "reason"  # column: why a row has no fit; null in rows with a fit
 
 
 def judged_as(table: str) -> str:
-    """The table with the findings about the rows of a table."""
+    """The name of the table whose findings the rows of a table have."""
     return JUDGED_AS.get(table, table)
 
 
@@ -56,32 +60,32 @@ def findings_of_rows(
         With `trial` or `group`, and `amplitude_deg` where its fits have one.
     findings : Iterable of Finding
     name : str
-        The table's name, whose findings count; empty: all count.
+        The table's name; empty: findings on any table count.
     """
-    of_fits: dict[tuple[str, float | None], list[Finding]] = {}
+    by_fit: dict[tuple[str, float | None], list[Finding]] = {}
     for finding in findings:
         if not name or finding.table == judged_as(name):
-            of_fits.setdefault((finding.subject, finding.amplitude_deg), []).append(finding)
-    of_rows = []
+            by_fit.setdefault((finding.subject, finding.amplitude_deg), []).append(finding)
+    findings_by_row = []
     for row in table.select(pl.col("^(trial|group|amplitude_deg)$")).to_dicts():
         trial, amplitude_deg = fit_of(row)
-        of_row = list(of_fits.get((trial, amplitude_deg), ()))
+        row_findings = list(by_fit.get((trial, amplitude_deg), ()))
         if amplitude_deg is not None:
-            of_whole = of_fits.get((trial, None), ())
-            of_row += [finding for finding in of_whole if finding.grade is Grade.DOUBTS]
-        of_rows.append(of_row)
-    return of_rows
+            trial_findings = by_fit.get((trial, None), ())
+            row_findings += [finding for finding in trial_findings if finding.grade is Grade.DOUBTS]
+        findings_by_row.append(row_findings)
+    return findings_by_row
 
 
 # Typed columns
 
 
 def with_findings(table: pl.DataFrame, findings: RowFindings) -> pl.DataFrame:
-    """A table with the columns of `JOINED_COLUMNS`, from the findings about each of its rows."""
+    """A table with the columns of `JOINED_COLUMNS`, from the findings on each of its rows."""
     columns: dict[str, list[Any]] = {
-        DOUBTS: [doubt_cells(of_row) for of_row in findings],
-        WIDE_ESTIMATES: [wide_estimates(of_row) for of_row in findings],
-        RESULTS: [results_in(of_row) for of_row in findings],
+        DOUBTS: [doubt_cells(row_findings) for row_findings in findings],
+        WIDE_ESTIMATES: [wide_estimates(row_findings) for row_findings in findings],
+        RESULTS: [results_in(row_findings) for row_findings in findings],
     }
     return table.with_columns(
         pl.Series(name, cells, dtype=JOINED_COLUMNS[name]) for name, cells in columns.items()
@@ -89,7 +93,7 @@ def with_findings(table: pl.DataFrame, findings: RowFindings) -> pl.DataFrame:
 
 
 def doubt_cells(findings: Iterable[Finding]) -> list[dict[str, Any]]:
-    """The doubts among some findings, each once, as cells of `DOUBTS`."""
+    """The distinct doubts among some findings, as a cell of `DOUBTS`."""
     doubts: list[dict[str, Any]] = []
     for finding in findings:
         if finding.grade is Grade.DOUBTS:
@@ -118,8 +122,12 @@ def joined(table: pl.DataFrame, name: str, findings: Sequence[Finding]) -> pl.Da
     campaign; a table without rows of fits or groups as it is."""
     if judged_as(name) not in JUDGED_TABLES:
         return table
-    of_rows = with_findings(table, findings_of_rows(table, findings, name))
-    return of_rows.rename({DOUBTS: GROUP_DOUBTS}) if name == SUMMARISED_GROUPS else of_rows
+    findings_by_row = with_findings(table, findings_of_rows(table, findings, name))
+    return (
+        findings_by_row.rename({DOUBTS: GROUP_DOUBTS})
+        if name == SUMMARISED_GROUPS
+        else findings_by_row
+    )
 
 
 def read_joined(tables: Mapping[str, Path], findings: Sequence[Finding]) -> dict[str, pl.DataFrame]:
@@ -131,19 +139,23 @@ def read_joined(tables: Mapping[str, Path], findings: Sequence[Finding]) -> dict
 
 
 def with_texts(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:
-    """The table `name` with the texts about each row that the dictionary describes: `doubtful`, the
-    doubts; `remarks`, what else was found and what could not be checked; and `K_verdict` and the
-    like. Null: nothing was found, and in a row without a fit."""
+    """The table `name` with the text columns that the dictionary describes.
+
+    `doubtful` has the doubts about a row, `remarks` the other findings, and `K_verdict` and the
+    like the verdicts. A cell is null without a finding, and in a row without a fit.
+    """
     described = described_tables_by_name()[name].columns
     texts: list[dict[str, str | None]] = []
-    for row, of_row in zip(table.to_dicts(), findings, strict=True):
+    for row, row_findings in zip(table.to_dicts(), findings, strict=True):
         if row.get(WHY_NO_FIT) is not None:
             texts.append({})
             continue
-        doubts = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
-        others = [finding for finding in of_row if finding.grade is not Grade.DOUBTS]
-        verdicts = {f"{symbol}_verdict": text for symbol, text in verdict_texts(of_row).items()}
-        texts.append({"doubtful": cell_text(doubts), **verdicts, "remarks": cell_text(others)})
+        doubts = [finding for finding in row_findings if finding.grade is Grade.DOUBTS]
+        further = [finding for finding in row_findings if finding.grade is not Grade.DOUBTS]
+        verdicts = {
+            f"{symbol}_verdict": text for symbol, text in verdict_texts(row_findings).items()
+        }
+        texts.append({"doubtful": cell_text(doubts), **verdicts, "remarks": cell_text(further)})
     names = ["doubtful", *(f"{symbol}_verdict" for symbol in QUANTITIES), "remarks"]
     schema = {column: pl.String for column in names if column in described or column == "doubtful"}
     return table.with_columns(pl.DataFrame(texts, schema=schema).get_columns())

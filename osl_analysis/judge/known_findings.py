@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a reader is told of each finding (`words.yaml`), and how it bears on others. Words decide
-nothing."""
+"""The words for each source of findings (`words.yaml`), and its two typed properties.
+
+The properties, `is_result` and `spoils_estimates`, decide; the words do not.
+
+Example: `known_finding(Source.FRICTION).title`.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,10 +14,10 @@ from typing import Any
 from osl_analysis.base.files import own_yaml
 from osl_analysis.stats.sources import Source
 
-Texts = str | Sequence[str]  # of several the first counts of which all numbers are known
+Texts = str | Sequence[str]  # of several, the first whose numbers are all known counts
 
 PROPERTIES_OF_DEVICE = frozenset({Source.FRICTION, Source.NONLINEAR_SPRING, Source.VISCOELASTIC})
-"""Sources for which a device is not of second order: the fit is what it says, and not doubtful."""
+"""Sources that are properties of a device that is not of second order: they doubt no fit."""
 SPOIL_ESTIMATES = frozenset(
     {
         Source.CLIPPED_SIGNAL,
@@ -23,26 +27,26 @@ SPOIL_ESTIMATES = frozenset(
         Source.ANGLE_WRAPS,
     }
 )
-"""Faults of a recording that name the cause where an estimate is doubtful, and make one doubtful
-whose half-width and half-range exceed what is needed."""
+"""Faults of a recording that name the cause of a doubtful estimate. They also make an estimate
+doubtful whose half-width and half-range exceed the needed accuracy."""
 
 
 @dataclass(frozen=True)
 class KnownFinding:
-    """What a reader is told of a finding, and how it bears on others.
+    """The words for a source, and its properties.
 
     Attributes
     ----------
     name
-        Its source, such as `late_torque`.
+        The source, such as `late_torque`.
     title
-        What a reader calls it.
+        Its name for readers.
     says, remedy
         What is wrong, and what to do, with columns of the row in braces.
     brief
         The remedy in a few words, where it has many.
     unseen, unseen_remedy
-        The same, where it could not be checked.
+        What could not be checked, and what to do about it.
     """
 
     name: str
@@ -60,14 +64,14 @@ class KnownFinding:
 
     @property
     def spoils_estimates(self) -> bool:
-        """Whether no estimate can be trusted beside it."""
+        """Whether it spoils every estimate of the recording."""
         return self.name in SPOIL_ESTIMATES
 
 
 @dataclass(frozen=True)
 class WordsOfRule:
-    """How large the finding of a rule is, or what could not be checked, and what to do; empty
-    where the finding itself says it."""
+    """The words of a rule: the size of its finding or what could not be checked, and the remedy.
+    Empty where the finding itself has them."""
 
     says: str = ""
     remedy: str = ""
@@ -82,6 +86,6 @@ MEANINGS_OF_CHECKS: Mapping[str, str] = CONTENT["checks"]
 
 
 def known_finding(name: str) -> KnownFinding:
-    """A finding with its words; of a column that has a limit in the configuration, and no rule of
-    its own, one without words."""
+    """A source with its words. A column with a limit in the configuration and no rule of its own
+    has its name as title, and no words."""
     return FINDINGS.get(name) or KnownFinding(name, title=name, says="")

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The limits of the configuration on columns of result tables, and the accuracy that estimates
-need."""
+"""Limits of the configuration on columns of result tables, and the accuracy that estimates need.
+
+Example: `DoubtfulFits.model_validate({"impedance": {"below": {"VAF": 80.0}}}).of("impedance")`.
+"""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
@@ -26,10 +28,10 @@ Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another
 
 
 class Accuracy(Settings):
-    """Changes of K, B and I that matter, each as a share of itself; no width of an interval.
+    """Changes of K, B and I that matter, as shares of the estimate.
 
-    A fault that would move an estimate by less is a remark. One that would move it by more makes it
-    doubtful, where it is beyond the estimate's half-width and half-range, too.
+    They are no widths of intervals. A fault that changes an estimate by less is a remark. A fault
+    that changes it by more, and by more than its half-width and half-range, makes it doubtful.
     """
 
     K: Share = 0.02  # Of stiffnesses; benches that agree on one spring differ by 1 to 2 %.
@@ -139,9 +141,11 @@ class DoubtfulFits(Settings):
         return self
 
     def of(self, table: str) -> Limits:
-        """What is stated for one table."""
-        stated = self.__pydantic_extra__.get(table)
-        return Limits.model_construct(**vars(stated) if stated else {}, accuracy=self.accuracy)
+        """The limits of one table, and the accuracy."""
+        table_limits = self.__pydantic_extra__.get(table)
+        return Limits.model_construct(
+            **vars(table_limits) if table_limits else {}, accuracy=self.accuracy
+        )
 
 
 SHIPPED_DOUBTFUL: Mapping[str, Any] = {

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The thresholds of the configuration for checks of recordings, verdicts by them on the measured
-values (`ingest/quality.py`), and which trials these exclude.
+"""Judge recordings by the thresholds of the configuration, and list the trials that are excluded.
 
-Measuring needs samples and no limits; judging needs a few numbers and no samples. A changed limit
-only judges again.
+`ingest/quality.py` measures the values: it needs samples and no thresholds. Judging needs a few
+numbers and no samples. So a changed threshold judges again and measures nothing.
+
+Example: `judged_table(measured, QualityRules(gap="0.05 s"), accept={})`.
 """
 
 import csv
@@ -25,8 +26,10 @@ from osl_analysis.judge.known_findings import FINDINGS
 
 
 class QualityRules(Settings):
-    """The threshold of each check with its unit, under the check's name, as `gap: 0.05 s`; without
-    one, a single fault is beyond it. A trial beyond it is flagged, or excluded."""
+    """The threshold of each check with its unit, under the check's name, as `gap: 0.05 s`.
+
+    Without a threshold a single fault is beyond it. A trial beyond it is flagged or excluded.
+    """
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, str] = Field(init=False)
@@ -62,7 +65,7 @@ def unknown_check(name: str) -> str:
 
 
 def spoiled_trials(verdicts: pl.DataFrame) -> dict[str, str]:
-    """By trial, the finding of its first failed check beside which no estimate can be trusted."""
+    """By trial, the source of its first failed check that spoils all estimates."""
     spoiled: dict[str, str] = {}
     failed = verdicts.filter(pl.col("verdict").is_in(["flag", "exclude"]))
     for trial, check in failed.select("trial", "check").iter_rows():
@@ -75,13 +78,13 @@ def spoiled_trials(verdicts: pl.DataFrame) -> dict[str, str]:
 def judged_table(
     measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]
 ) -> pl.DataFrame:
-    """Judge what was measured of recordings.
+    """Judge measured values of recordings.
 
     Parameters
     ----------
     measured : polars.DataFrame
-        `measured_table` of trials. Rows of checks of an older release are left out: their trials
-        are ingested again.
+        `measured_table` of trials. Checks of an older release are left out: their trials are
+        ingested again.
     rules : QualityRules
     accept : Mapping of str to Collection of str
         Checks that the sheet accepts, by trial.
@@ -92,8 +95,8 @@ def judged_table(
         With thresholds and verdicts, as in `quality.csv`.
     """
     rows = []
-    of_known_checks = measured.filter(pl.col("check").is_in(list(CHECKS)))
-    for row in of_known_checks.select("trial", "check", "value", "unit", "remark").to_dicts():
+    rows_of_known_checks = measured.filter(pl.col("check").is_in(list(CHECKS)))
+    for row in rows_of_known_checks.select("trial", "check", "value", "unit", "remark").to_dicts():
         name = row["check"]
         limit = rules.limit(name)
         remarks = [row["remark"]] if row["remark"] else []
@@ -117,7 +120,7 @@ CHECKED = ["trial", "check", "value", "unit", "remark", "status", "reason"]
 
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
-    """What `measure_quality` found, a row per check: trial, check, value, unit, remark."""
+    """The results of `measure_quality`, a row per check: trial, check, value, unit, remark."""
     rows = [
         {"trial": trial, "check": name, "unit": CHECKS[name].unit, **vars(result)}
         for name, result in results.items()
@@ -128,8 +131,8 @@ def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFra
 def read_verdicts(
     paths: Iterable[Path], rules: QualityRules, accept: Mapping[str, Collection[str]]
 ) -> pl.DataFrame:
-    """The rows of `quality.csv` for trials with these files of measured checks; one that was not
-    analysed has none."""
+    """The rows of `quality.csv` by files of measured checks. A trial that was not analysed has
+    none."""
     rows: list[dict[str, Any]] = []
     for path in paths:  # Polars would take ten times as long for such small files
         with path.open(newline="", encoding="utf-8") as file:
@@ -140,7 +143,7 @@ def read_verdicts(
     return judged_table(unquoted(measured), rules, accept)
 
 
-# What excluded.csv has as `check` of a trial that no check excludes
+# Values of `check` in excluded.csv for trials that no check excludes
 REFUSED = "refused"  # by the job that reads or fits it
 LACKING = "needs another"  # trial, which was refused or excluded
 BY_JOB = (REFUSED, LACKING)
@@ -149,8 +152,7 @@ CROSSING = "crossing"  # of the walkway, which cannot be used or stands out
 
 
 def exclusion_text(row: Mapping[str, Any]) -> str:
-    """Why a trial is not used, by a row of `quality.csv` or `excluded.csv`: check, value,
-    threshold, what was seen."""
+    """The reason for which a trial is not used, by a row of `quality.csv` or `excluded.csv`."""
     if row["value"] is None:
         return str(row["remark"])
     reason = f"{row['check']} {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rules that find what no budget tells: a number of a row that is beyond its limit, or what is
-missing in it.
+"""Rules on single rows of result tables, for what no budget shows.
+
+A rule finds a number of a row that is beyond its limit, or a cell that is missing.
 
     NumberRule(
         "clipped_torque",
@@ -10,11 +11,9 @@ missing in it.
         limit=at_most(5),
     )
 
-A rule is made at import, which fails where a table has no such column, or `words.yaml` no such
-rule. Beyond a limit that stands here the method itself, or the number, cannot be right. A rule with
-`limit=None` has one that depends on the device and its bench: the configuration states it, under
-`doubtful`.
-"""
+Importing fails where a table has no such column, or `words.yaml` no such rule. Beyond a limit of
+this file the method or the number cannot be right. A rule with `limit=None` has a limit that
+depends on the device and its bench: the configuration states it, under `doubtful`."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -33,9 +32,9 @@ AnyRow = Mapping[str, object]  # a row of a result table
 
 
 class Grade(StrEnum):
-    """What a finding does to its trial or fit."""
+    """The consequence of a finding for its trial or fit."""
 
-    EXCLUDES = "excludes"  # it is in no other table and in no figure
+    EXCLUDES = "excludes"  # the trial is in no other table and in no figure
     DOUBTS = "doubts"
     UNCHECKED = "not checked"
     NOTES = "notes"  # checked, and worth knowing
@@ -56,8 +55,8 @@ class Table(StrEnum):
 
 Signal = Literal["torque", "angle", "current"]
 Side = Literal["above", "below", "ratio"]
-"""Of a limit in the configuration: of the absolute value, of the value, or of a ratio on both sides
-of 1."""
+"""The kind of a limit in the configuration: above an absolute value, below a value, or a ratio on
+both sides of 1."""
 
 
 # Limits and conditions
@@ -65,14 +64,14 @@ of 1."""
 
 @dataclass(frozen=True)
 class Limit:
-    """The lowest and the highest number that are not beyond it."""
+    """The lowest and the highest number that are within it."""
 
     low: float = -math.inf
     high: float = math.inf
 
     @property
     def side(self) -> Side | None:
-        """How the configuration would state it; None: on two sides that are not alike."""
+        """The kind under which the configuration states it; None: its two sides are unlike."""
         if self.low == -self.high or math.isinf(self.low):
             return "above"
         if math.isinf(self.high):
@@ -140,15 +139,15 @@ class Rule:
     Attributes
     ----------
     name
-        By which `words.yaml` has its words; rules of the same words share it.
+        Its key in `words.yaml`; rules with the same words share it.
     source
-        What is then found.
+        The source of its findings.
     tables
-        Where it counts.
+        The tables whose rows it judges.
     grade
-        What the finding does to the row.
+        The consequence of its findings.
     unless
-        Findings beside which it is not told, since they explain it.
+        Findings that explain it: a row with one of them has no finding by this rule.
     """
 
     name: str
@@ -176,38 +175,38 @@ class Rule:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns without which it does not count."""
+        """The columns that the rule needs."""
         return ()
 
     @property
     def says(self) -> str:
-        """How large the finding is, or what could not be checked."""
+        """The words for the size of the finding, or for what could not be checked."""
         return WORDS_OF_RULES[self.name].says
 
     @property
     def remedy(self) -> str:
-        """What to do; empty where the finding says it."""
+        """The words for what to do; empty where the finding has them."""
         return WORDS_OF_RULES[self.name].remedy
 
 
 @dataclass(frozen=True)
 class NumberRule(Rule):
-    """A finding by a number that is beyond its limit.
+    """A rule that finds a number beyond its limit.
 
     Attributes
     ----------
     column
-        Of the number.
+        The column of the number.
     limit
-        None: the configuration states it, under `doubtful`.
+        Its limit; None: the configuration states it, under `doubtful`.
     units
-        The signals of which the number is a ratio to a known value, so that a factor between their
-        units may explain it.
+        The signals that scale the number, a ratio to a known value. A wrong unit of one of them may
+        explain it.
     second
-        The column of a ratio that tells a unit from another device: of a wrong torque it is the
-        same, of a wrong current it is 1.
+        The column of a second ratio, which tells a wrong unit from another device. A wrong torque
+        scales both ratios alike; a wrong current leaves the second at 1.
     is_of_estimate
-        Whether it is about the estimate of its column alone, and no other of the row.
+        Whether the finding is about the estimate of its column alone, and about no other.
     """
 
     _: KW_ONLY
@@ -229,12 +228,12 @@ class NumberRule(Rule):
 
 @dataclass(frozen=True)
 class RowRule(Rule):
-    """A finding by what a row has, or has not.
+    """A rule that finds rows by cells that are there or missing.
 
     Attributes
     ----------
     conditions
-        All hold in a row with the finding.
+        Conditions that all hold in a row with the finding.
     """
 
     _: KW_ONLY
@@ -788,7 +787,7 @@ NOT_CHECKED: tuple[Rule, ...] = (
         conditions=(Missing("torque_zero"),),
     ),
 )
-"""What could not be checked, where no budget has it."""
+"""Rules on what could not be checked and no budget has."""
 
 RULES: tuple[Rule, ...] = (
     *CHECKS_OF_RECORDINGS,
@@ -805,27 +804,30 @@ def number_rules() -> Iterator[NumberRule]:
     return (rule for rule in RULES if isinstance(rule, NumberRule))
 
 
-def rules_on(table: str, columns: Iterable[str], stated: Iterable[tuple[str, Limit]]) -> list[Rule]:
-    """The rules on a table: those whose limits the configuration states before those that stand
-    here.
+def rules_on(
+    table: str, columns: Iterable[str], configured_limits: Iterable[tuple[str, Limit]]
+) -> list[Rule]:
+    """The rules on a table: first those with limits of the configuration, then those of this file.
 
     Parameters
     ----------
     table : str
-        Its name.
+        The table's name.
     columns : Iterable of str
-        That it has.
-    stated : Iterable of (str, Limit)
+        The table's columns.
+    configured_limits : Iterable of (str, Limit)
         Columns, and the limits that the configuration states for them.
     """
     present = set(columns)
-    of_configuration = [stated_rule(column, limit) for column, limit in stated if column in present]
-    own = [rule for rule in RULES if table in rule.tables and present >= {*rule.columns}]
-    return [*of_configuration, *own]
+    configured = [
+        stated_rule(column, limit) for column, limit in configured_limits if column in present
+    ]
+    built_in = [rule for rule in RULES if table in rule.tables and present >= {*rule.columns}]
+    return [*configured, *built_in]
 
 
 def stated_rule(column: str, limit: Limit) -> NumberRule:
-    """The rule by a limit of the configuration, with the words for this column if it has some."""
+    """The rule with a limit of the configuration, in the words of its column if there are any."""
     for rule in number_rules():
         if rule.column == column and rule.limit is None:
             return replace(rule, limit=limit)
@@ -833,8 +835,7 @@ def stated_rule(column: str, limit: Limit) -> NumberRule:
 
 
 def has_own_limit(table: str, column: str, side: Side) -> bool:
-    """Whether a rule here doubts a number of a table by a limit on this side, so that the
-    configuration cannot state one."""
+    """Whether a rule of this file limits a column on this side: the configuration then cannot."""
     return any(
         rule.limit is not None and rule.limit.side in (side, None)
         for rule in number_rules()
@@ -856,11 +857,12 @@ class Beyond:
     column: str
     value: float  # in the unit of the column
     limit: float
-    # above or below the limit, near a factor between units, or nan; not in `findings.csv`
+    # above or below the limit, near a factor between units, or nan; `findings.csv` has no column
+    # for it
     side: str = ""
     finding: str = ""  # the source that it is evidence of
     unit: str = ""  # the factor between units that it may be, in words
-    rule: NumberRule | None = field(default=None, compare=False)  # with the words for it
+    rule: NumberRule | None = field(default=None, compare=False)  # whose words describe it
     probability: float | None = None  # of a fault that a budget weighs
 
     @property
@@ -921,20 +923,21 @@ def numbers_beyond(row: AnyRow, rules: Iterable[NumberRule]) -> Numbers:
 
 
 def unit_of_ratio(rule: NumberRule, ratio: float, row: AnyRow) -> tuple[str, bool]:
-    """The factor between units near a ratio to a known value, in words, and whether it is more
-    likely than another device.
+    """The factor between units near a ratio to a known value, in words, and whether it is likely.
 
-    A second ratio decides that: a wrong torque scales both alike, a wrong current only this one."""
+    A second ratio tells a wrong unit from another device: a wrong torque scales both ratios alike,
+    a wrong current only this one.
+    """
     if not rule.units or not ratio:
         return "", False
     second = cell_number(row, rule.second)
     likely = []
     if second:
-        of_signals = {"current": second}
+        ratio_of_signal = {"current": second}
         likely = [
             signal
             for signal in rule.units
-            if abs(of_signals.get(signal, second / ratio) - 1) < NEAR_UNIT
+            if abs(ratio_of_signal.get(signal, second / ratio) - 1) < NEAR_UNIT
         ]
     unit = known_factor(ratio, likely, NEAR_UNIT)
     return unit or known_factor(ratio, rule.units, NEAR_UNIT), bool(unit)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The words of findings, for people.
+"""Write findings in words, for people.
 
-The sentences stand in `words.yaml`, with names in braces for numbers of the row. A sentence
-whose numbers the row does not have is left out. Nothing here decides, and nothing that decides
-reads what is written here.
+`words.yaml` has the sentences; a name in braces stands for a number of the row. A sentence is left
+out where the row lacks one of its numbers. Words decide nothing, and no code reads them.
+
+Example: `finding_text(worded(finding, row))`.
 """
 
 import re
@@ -21,14 +22,8 @@ from osl_analysis.stats.rounding import significant
 
 
 def worded(finding: Finding, row: AnyRow) -> Finding:
-    """A finding with its words, as far as it has none of its own.
-
-    Parameters
-    ----------
-    finding : Finding
-    row : AnyRow
-        The row of its table that it is about, or other numbers that its sentences show.
-    """
+    """The finding with the words of `words.yaml` in fields that are empty; `row` has its
+    numbers."""
     kind = known_finding(finding.source)
     says, remedy = kind.says, kind.remedy
     if finding.grade is Grade.UNCHECKED:
@@ -43,18 +38,18 @@ def worded(finding: Finding, row: AnyRow) -> Finding:
 
 
 def size_text(finding: Finding, row: AnyRow) -> str:
-    """How large a cause is in this row, by its numbers."""
+    """The size of a finding in words, by the numbers of the row."""
     details = [
         filled(number.rule.says, cells_of(row, number))
         for number in finding.evidence
         if number.rule and number.finding == finding.source
     ]
-    first, *others = [*dict.fromkeys(filter(None, details)), ""]
-    return ". ".join(filter(None, [first, *map(capital, others)]))
+    first, *further = [*dict.fromkeys(filter(None, details)), ""]
+    return ". ".join(filter(None, [first, *map(capital, further)]))
 
 
 def sentence_of(says: Texts, size: str, remedy: Texts, cause: str = "") -> str:
-    """`cause: what is wrong: how large. What to do`, without the parts that are empty."""
+    """`cause: what is wrong: how large. What to do`; parts that are empty are left out."""
     problem = ": ".join(filter(None, [cause, str(says), size]))
     return ". ".join(filter(None, [problem, str(remedy)]))
 
@@ -82,8 +77,8 @@ def capital(text: str) -> str:
 
 
 class RoundedNumber(float):
-    """A number shown with some significant digits, times a factor: `~2*1e3`, `~+2` with its
-    sign."""
+    """A number for sentences. `{x:~2}` shows two significant digits, `{x:~+2}` the sign as well,
+    and `{x:~2*1e3}` multiplies by 1000 first."""
 
     def __format__(self, spec: str) -> str:
         if not spec.startswith("~"):
@@ -95,8 +90,7 @@ class RoundedNumber(float):
 
 
 def cells_of(row: AnyRow, number: Beyond | None = None) -> dict[str, Any]:
-    """What names in braces stand for: the cells of a row that are filled, by column, and what is
-    said of the number that a finding is about."""
+    """The values of names in braces: the filled cells of a row, and the number of a finding."""
     cells: dict[str, Any] = {
         column: RoundedNumber(cell) if isinstance(cell, int | float) else cell
         for column, cell in row.items()
@@ -111,7 +105,7 @@ def cells_of(row: AnyRow, number: Beyond | None = None) -> dict[str, Any]:
 
 
 def filled(texts: Texts, cells: Mapping[str, Any]) -> str:
-    """The first of some texts of which all numbers are known, with them; empty without one."""
+    """The first of some texts whose numbers are all known, with them; empty without one."""
     for text in [texts] if isinstance(texts, str) else texts:
         names = {name for _, name, _, _ in Formatter().parse(text) if name}
         if names <= cells.keys():
@@ -141,16 +135,18 @@ def verdict_texts(findings: Sequence[Finding]) -> dict[str, str]:
     """The verdicts on K, B and I in words: clear, wide, or the cause of the first doubt."""
     verdicts = dict.fromkeys(QUANTITIES, CLEAR)
     for symbol in QUANTITIES:
-        about = [each for each in findings if not each.estimates or symbol in each.estimates]
-        doubts = [each for each in about if each.grade is Grade.DOUBTS]
+        about = [
+            finding for finding in findings if not finding.estimates or symbol in finding.estimates
+        ]
+        doubts = [finding for finding in about if finding.grade is Grade.DOUBTS]
         if doubts:
             verdicts[symbol] = doubts[0].cause
-        elif any(each.source == WIDE_INTERVAL for each in about):
+        elif any(finding.source == WIDE_INTERVAL for finding in about):
             verdicts[symbol] = WIDE
     return verdicts
 
 
 def doubts_text(doubts: Iterable[Doubt]) -> str:
-    """Doubts that were joined to a row, as in its cell; empty without any."""
+    """The doubts that were joined to a row, as one text; empty without any."""
     findings = [Finding(doubt["source"], estimates=tuple(doubt["estimates"])) for doubt in doubts]
     return cell_text(findings) or ""

@@ -114,6 +114,18 @@ def test_models_are_tried_only_where_all_together_gain_something(size, families)
     assert [fault.family for fault in found.alternatives[:1]] == families
 
 
+def test_rows_of_a_gap_tell_nothing():
+    torque = driven()[1]
+    usable = np.ones(len(torque), dtype=bool)
+    usable[3000:3400] = False
+    bridged = np.where(usable, torque, -torque)
+
+    found = inferred(bridged, usable=usable)
+
+    assert found.without_friction["K"] == pytest.approx(K, rel=2e-3)
+    assert family_of(found) is None
+
+
 def test_rows_that_the_torque_lost_are_no_sound_joint():
     assert family_of(changed(with_lost_rows)) is not None
 

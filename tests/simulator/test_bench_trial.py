@@ -217,6 +217,17 @@ def test_effects_of_the_load_cell_add_what_the_truth_says(clean):
     assert drawn["load_cell_offset"] / 0.5 != pytest.approx(drawn["load_cell_drift"] / 0.05)
 
 
+def test_an_offset_and_a_drift_are_as_large_as_the_truth_says(clean):
+    sizes = {"load_cell_offset": on(0.5, "N*m"), "load_cell_drift": on(0.05, "N*m/min")}
+
+    log, truth = simulated({"effects": sizes})
+
+    minutes = (log["time"] - log["time"][0]) / 60
+    drawn = truth["drawn"]
+    added = drawn["load_cell_offset"] + drawn["load_cell_drift"] * minutes
+    assert log[TORQUE] - clean[TORQUE] == pytest.approx(added, abs=1e-10)
+
+
 def test_effects_of_the_drivetrain_have_their_sizes():
     sizes = {
         "actuator_encoder": on(1e-3, "rad"),

@@ -165,6 +165,33 @@ def test_cycles_of_a_run_are_like_the_five_before_them(rows, sizes, cycles):
     assert [len(crossings) - 1 for crossings in found] == cycles
 
 
+def runs_of(theta, protocol):
+    moving = np.ones(len(theta), dtype=bool)
+    return find_sines(theta, RATE, 1e-4, moving, protocol)[0]
+
+
+def test_a_run_has_the_rows_in_which_the_angle_follows_its_sine():
+    rows = np.arange(1000)
+    sine = 0.1 * np.sin(2 * np.pi * rows / 100 + 0.5)
+    theta = np.concatenate([np.full(300, 0.3), sine, np.full(300, 0.3)])
+
+    (run,) = runs_of(theta, PROTOCOL)
+
+    assert (run.start, run.stop) == (300, 1299)
+
+
+@pytest.mark.parametrize(("cycles", "found"), [(3, [3, 3, 3]), (2, [2])])
+def test_three_cycles_of_each_sine_are_enough(cycles, found):
+    """Of two, only those of the last sine are told from a transient."""
+    frequencies_hz = (1.0, 2.0, 5.0)
+    protocol = SteppedSineProtocol((0.1,), frequencies_hz, cycles)
+    theta = np.pad(0.1 * unit_block(protocol, RATE), 300)
+
+    runs = runs_of(theta, protocol)
+
+    assert [run.cycles for run in runs] == pytest.approx(found, abs=0.05)
+
+
 def test_a_clock_that_is_right_to_50_ppm_has_the_commanded_frequencies():
     segments = segments_of_practice(Practice(clock=1 + 5e-5))
 

@@ -2,6 +2,7 @@
 """The regression under every fit, covariance of correlated residuals, and means over trials."""
 
 import importlib  # statsmodels takes half a second of each process that collects tests
+from contextlib import nullcontext
 
 import numpy as np
 import polars as pl
@@ -182,6 +183,36 @@ def test_a_condition_number_is_that_of_the_columns_not_of_what_noise_leaves():
         regression.solved(*equations, noise)
     with pytest.raises(IdentifiabilityError, match="condition number"):
         regression.solved(*equations)
+
+
+@pytest.mark.parametrize(("condition", "is_refused"), [(900, False), (1100, True)])
+def test_columns_in_which_a_thousandth_makes_the_whole_of_an_estimate_are_refused(
+    condition, is_refused
+):
+    """Two unit columns with a cosine of c have the condition number sqrt((1 + c) / (1 - c))."""
+    cosine = (condition**2 - 1) / (condition**2 + 1)
+    first = np.tile([1.0, 0.0], 50)
+    second = cosine * first + np.sqrt(1 - cosine**2) * np.tile([0.0, 1.0], 50)
+    columns = {"K": first, "I": second}
+
+    with pytest.raises(IdentifiabilityError) if is_refused else nullcontext():
+        regression.linear_fit(first + second + 1e-6 * white_noise(100, 1), columns)
+
+
+def test_of_columns_that_are_one_the_condition_number_ends_at_rounding():
+    one_column = np.ones((2, 2))
+
+    assert regression.scaled_condition(one_column, (0, 1)) > 1e6
+
+
+def test_noise_alone_is_told_as_a_scatter_in_one_of_a_hundred_cases():
+    random = np.random.default_rng(1)
+    scatters = [
+        repeats.scatter_beyond_noise(random.standard_normal(5), np.ones(5)) for _ in range(8000)
+    ]
+
+    told = np.mean(np.array(scatters) > 0)
+    assert told == pytest.approx(0.01, abs=3 * np.sqrt(0.01 / 8000))
 
 
 def test_cycles_of_no_whole_rows_have_the_sums_of_their_integrals():

@@ -30,6 +30,7 @@ from osl_analysis.judge.wording import worded
 from osl_analysis.stats.budget import (
     DOUBT,
     IN_INTERVAL,
+    LIKELY,
     QUANTITIES,
     WIDE,
     WITHOUT_FRICTION,
@@ -181,6 +182,8 @@ def findings_of_row(
     if fault:
         estimates = [of_spoiled(estimate, fault) for estimate in estimates]
     found = [*doubts_of(estimates), *of_numbers(numbers), *properties_of(estimates, predicted)]
+    doubts = {finding.source for finding in found if finding.grade is Grade.DOUBTS}
+    found += [small for small in small_faults_of(estimates) if small.source not in doubts]
     names = {finding.source for finding in found}
     found = [
         finding
@@ -326,6 +329,30 @@ def properties_of(estimates: Sequence[Judged], predicted: Sequence[Judged] = ())
             beyond = Beyond(estimate.name, half, estimate.needed, "above", WIDE_INTERVAL)
             text = estimate.width(estimate.name, estimate.budget)
             remarks.setdefault(WIDE_INTERVAL, {})[beyond] = text
+    return [
+        of_estimates(source, Grade.NOTES, list(texts), ", ".join(texts.values()))
+        for source, texts in remarks.items()
+    ]
+
+
+def small_faults_of(estimates: Sequence[Judged]) -> list[Finding]:
+    """Remarks: faults that are likely and would change an estimate beyond its interval, by less
+    than is needed."""
+    remarks: dict[Source, dict[Beyond, str]] = {}
+    for estimate in estimates:
+        half = estimate.budget.half_width()
+        of_source: dict[Source, list[Contribution]] = {}
+        doubted = {row.source for row in estimate.verdict.rows}
+        for row in estimate.budget.in_parts("fault"):
+            if row.basis == "weighed" and row.source not in doubted:
+                of_source.setdefault(row.source, []).append(row)
+        for source, rows in of_source.items():
+            probability = sum(row.probability for row in rows)
+            size = max(row.size for row in rows)
+            if probability > LIKELY and size > half:
+                beyond = Beyond(estimate.name, size, half, "above", source, probability=probability)
+                detail = f" ({rows[0].detail})" if rows[0].detail else ""
+                remarks.setdefault(source, {})[beyond] = estimate.moved(size) + detail
     return [
         of_estimates(source, Grade.NOTES, list(texts), ", ".join(texts.values()))
         for source, texts in remarks.items()

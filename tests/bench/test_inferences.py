@@ -229,3 +229,18 @@ def test_a_constant_of_torque_or_angle_changes_no_estimate_range_or_verdict(moti
         )
     assert causes_of(others) == causes_of(tables)
     assert causes_of(others, Grade.NOTES) == causes_of(tables, Grade.NOTES)
+
+
+def test_a_likely_fault_below_what_is_needed_is_a_remark_with_its_size():
+    """Backlash of 2 % of the angle's SD: B is off beyond its interval, by less than is needed."""
+    tables = tables_of(with_play(0.02))
+    row = tables["impedance"].row(-1, named=True)
+    (remark,) = [
+        finding
+        for finding in findings_on(tables, Limits())
+        if finding.grade is Grade.NOTES and finding.source == "play_or_speed"
+    ]
+
+    assert causes_of(tables) == []
+    sizes = {number.column: number.value for number in remark.evidence}
+    assert sizes["B"] == pytest.approx(abs(row["B"] - 5), rel=0.5)

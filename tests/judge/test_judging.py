@@ -17,6 +17,7 @@ from osl_analysis.judge.rules import Grade
 from osl_analysis.judge.wording import finding_text, verdict_texts
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
 from osl_analysis.stats.doubts import doubts_about
+from osl_analysis.stats.sources import Source
 
 KNEE = {"trial": "knee", "amplitude_deg": None, "K": 150.0, "B": 3.0, "I": 0.03}
 NEEDED = {"K": 3.0, "B": 0.15, "I": 0.006}
@@ -44,7 +45,9 @@ def test_a_fault_is_a_doubt_about_what_it_moves_by_more_than_is_needed(name):
 
     assert (doubt.cause, doubt.grade) == ("torque path", Grade.DOUBTS)
     assert [each.column for each in doubt.evidence] == [name]
-    assert of_knee(rows) == []
+    (remark,) = of_knee(rows)  # a likely fault below what is needed
+    assert (remark.cause, remark.grade) == ("torque path", Grade.NOTES)
+    assert [each.column for each in remark.evidence] == [*NEEDED]
     assert verdict_texts([doubt]) == dict.fromkeys("KBI", "clear") | {name: "torque path"}
 
 
@@ -64,7 +67,15 @@ def test_a_doubt_about_all_of_a_trial_is_one_about_its_amplitudes():
 def test_an_accuracy_of_the_user_is_what_an_estimate_needs():
     rows = {"K": [fault(3.3)]}
 
-    assert of_knee(rows, Limits(accuracy=Accuracy(K=0.03))) == []
+    (finding,) = of_knee(rows, Limits(accuracy=Accuracy(K=0.03)))
+
+    assert (finding.grade, finding.size) == (Grade.NOTES, "K by 3.3 N*m/rad (delay)")
+
+
+def test_a_likely_fault_within_the_interval_is_no_remark():
+    scatter = Contribution(Source.REPEATABILITY, 1.2, part="repeatability", basis="measured")
+
+    assert of_knee({"K": [fault(2.0), scatter]}) == []
 
 
 def test_a_doubt_names_its_models_sizes_and_what_they_leave():
@@ -93,7 +104,8 @@ def test_a_check_of_the_recording_names_the_cause_of_a_doubt_and_makes_none():
 
     size = "it or delay, which this recording does not tell apart, would change K by 10 N*m/rad"
     assert (doubt.source, doubt.size) == ("signal_jumps", size)
-    assert of_knee({"K": [fault(0.1)]}, faults=check) == []
+    (remark,) = of_knee({"K": [fault(0.1)]}, faults=check)
+    assert (remark.source, remark.grade) == ("torque_path", Grade.NOTES)
 
 
 @pytest.mark.parametrize(("half_range", "is_doubt"), [(3.3, True), (2.7, False)])

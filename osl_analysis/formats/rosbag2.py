@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from functools import cache
-from itertools import accumulate
 from operator import methodcaller
 from pathlib import Path
 from typing import Any
@@ -96,7 +95,7 @@ def take_tables(log: TopicLog, path: Path) -> None:
         for rows in _rows_in_order(tables):
             channels, log_times_ns, messages = zip(*rows, strict=True)
             lengths = np.array([len(message) for message in messages])
-            starts = np.array([0, *accumulate(lengths[:-1].tolist())])
+            starts = np.cumsum(lengths) - lengths
             log.add_messages(
                 (b"".join(messages), starts, lengths),
                 np.array(log_times_ns, np.int64),

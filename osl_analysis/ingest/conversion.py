@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded numbers as canonical columns in SI units, and what the provenance of a trial says of
-them."""
+"""Convert recorded numbers to canonical columns in SI units, and note where they come from.
+
+    value [SI] = sign * scale * factor * (raw + offset)
+
+`factor` is that of the unit. A reading that failed is NaN; a row without a reading is null.
+Example: `scale: 1/16384`, `unit: rev` makes 4096 counts of an encoder 1.5708 rad.
+"""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -23,10 +28,10 @@ from osl_analysis.base.source_file import (
 )
 from osl_analysis.base.trial import COUNTER, Array, unit_of
 from osl_analysis.base.units import quantity, si_factor
-from osl_analysis.ingest.turning import BESIDE, told_of_turns, turns_beside
+from osl_analysis.ingest.turning import OTHER_TURNING, compare_turning, other_turning_channels
 
-# facts on a sensor, which the provenance has in SI units, and a clock of its own
-OF_SENSOR = {"delay", "low_pass", "resolution", "range", "time"}
+# settings that the provenance has in SI units, and the clock of a channel
+SENSOR_FACTS = {"delay", "low_pass", "resolution", "range", "time"}
 LARGEST_COUNT = 2 / np.finfo(float).eps  # floats hold whole numbers exactly below it
 
 
@@ -87,7 +92,7 @@ def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> di
         of the column, after `sign` and `offset`.
     """
     si_unit = unit_of(column)
-    origin = conversion.model_dump(exclude=OF_SENSOR)
+    origin = conversion.model_dump(exclude=SENSOR_FACTS)
     origin["unit"] = unit_of_file if conversion.unit is None else conversion.unit
     origin["factor"] = si_factor(origin["unit"], si_unit)
     if conversion.delay is not None:
@@ -137,32 +142,43 @@ def check_finite_values(what: str, values: Array, time: Array) -> None:
     )
 
 
+@dataclass(frozen=True)
+class CanonicalColumns:
+    """Channels of the same rows as canonical columns.
+
+    Attributes
+    ----------
+    columns
+        In SI units, (n,) each: NaN where a reading failed, null where there is none. Counters
+        follow their columns.
+    origins
+        Where each column comes from.
+    remarks
+        A sentence for each channel that has no value, or a failed one, in some rows.
+    """
+
+    columns: list[pl.Series]
+    origins: dict[str, dict[str, Any]]
+    remarks: list[str]
+
+
 def canonical_columns(
     source: LogSource,
     channels: Mapping[str, Channel],
     values: Mapping[str, NDArray[Any]],
     rows: Rows,
     time: Array,
-    told: Collection[str] = (),
-) -> tuple[list[pl.Series], dict[str, dict[str, Any]], list[str]]:
-    """Convert the channels of some rows at times (n,) [s], and the counters beside them.
+    columns_at_own_rate: Collection[str] = (),
+) -> CanonicalColumns:
+    """Convert the channels of some rows at times (n,) [s], and their counters.
 
     Parameters
     ----------
     channels, values
-        Channels, and readings (n,) of them, of their counters and of what is beside them, by
-        canonical column: NaN where one failed, masked where there is none.
-    told
-        Columns of which a remark tells already where they have a value.
-
-    Returns
-    -------
-    columns
-        SI units, NaN where a reading failed, null where there is none.
-    origins
-        Where each column comes from.
-    remarks
-        A sentence for each channel that has no value, or a failed one, in some rows.
+        Channels and their readings (n,), by canonical column; also of the counters, and of the
+        other channels that turn. A reading is NaN where it failed, and masked where there is none.
+    columns_at_own_rate
+        Columns whose empty rows need no remark, since they have a rate of their own.
 
     Raises
     ------
@@ -171,64 +187,35 @@ def canonical_columns(
         `most_missing`.
     """
     columns = []
-    numbers_in_si = {}
+    in_si: dict[str, Array] = {}
     origins = {}
     remarks = []
     for column, setting in source.channels.items():
-        channel = channels[column]
         readings = np.ma.asarray(values[column])
         if readings.dtype == bool and unit_of(column) != LEVEL_UNIT:
             raise InputError(
                 f"{setting.title} holds truth values and no numbers in {unit_of(column)}",
                 f"name a number as `{setting.ADDRESS}` in the source file",
             )
-        lacking = np.ma.getmaskarray(readings)
-        numbers = floats_of(readings).copy()
-        missing = np.isnan(numbers) & ~lacking
-        what_lacks = {}
-        if column not in told:
-            what_lacks["has no value"] = lacking
-        if source.damaged == "skip":
-            is_word = np.isinf(numbers)
-            numbers[is_word] = np.nan
-            what_lacks["has a word or infinity"] = is_word
-            known = ~np.isnan(numbers)
-            leaps = np.zeros_like(known)
-            leaps[known] = spoiled(numbers[known])
-            what_lacks[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps
-            numbers[leaps] = np.nan
-        what_lacks["has no number"] = missing
-        known = ~np.isnan(numbers)
-        check_finite_values(setting.title, np.where(known, numbers, 0.0), time)
-        for what, lacks in what_lacks.items():
-            if lacks.any():
-                remarks.append(f"{setting.title} {what} in {rows.counted(lacks)}")
-        missing = ~known & ~lacking
-        if missing.mean() > source.allowed_missing:
-            raise InputError(
-                remarks[-1],
-                f"more than the {source.allowed_missing:.1%} of `most_missing`: repair the"
-                f" recording, or write `most_missing: {share_above(missing.mean()):g}` in the"
-                " source file",
-            )
+        is_empty = np.ma.getmaskarray(readings)
+        numbers, remarks_on_readings = sound_readings(
+            source, setting, readings, rows, time, tells_empty=column not in columns_at_own_rate
+        )
+        remarks += remarks_on_readings
         if setting.wraps_at is not None:
-            whole = np.unwrap(numbers[known], period=setting.wraps_at)
-            if np.array_equal(whole, numbers[known]):
-                remarks.append(f"{setting.title}: `wraps_at` had no effect, nothing begins anew")
-            numbers[known] = whole
+            remarks += unwrap(setting.title, numbers, setting.wraps_at)
         with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
-            origin = origin_of(setting, column, channel.unit)
-        in_si = to_si(setting, numbers, origin["factor"])
+            origin = origin_of(setting, column, channels[column].unit)
         if setting.offset:
             shift = setting.offset * setting.scale * origin["factor"]
             remarks.append(
                 f"{setting.title}: `offset` is added before `scale`, which shifts {column} by"
                 f" {shift:.4g} {unit_of(column)}"
             )
-        series = pl.Series(column, in_si)
-        numbers_in_si[column] = in_si
-        columns.append(series.set(pl.Series(lacking), None))
+        in_si[column] = to_si(setting, numbers, origin["factor"])
+        columns.append(pl.Series(column, in_si[column]).set(pl.Series(is_empty), None))
         origins[column] = origin
+
         counter = column + COUNTER
         if counter in values:
             counts = checked_counts(
@@ -238,10 +225,82 @@ def canonical_columns(
                 f"correct or leave out `counter`, or remove the {rows.noun} from the log",
             )
             columns.append(pl.Series(counter, counts))
-    beside = [(channels[key], floats_of(values[key])) for key in channels if key.startswith(BESIDE)]
-    for column, kind, other, ratio in told_of_turns(time, numbers_in_si, beside):
-        origins[column].setdefault(kind, {})[other] = ratio
-    return columns, origins, remarks
+
+    other_turning = [
+        (channels[key], floats_of(values[key])) for key in channels if key.startswith(OTHER_TURNING)
+    ]
+    for ratio in compare_turning(time, in_si, other_turning):
+        origins[ratio.column].setdefault(ratio.kind, {})[ratio.other] = ratio.ratio
+    return CanonicalColumns(columns, origins, remarks)
+
+
+def sound_readings(
+    source: LogSource,
+    setting: LogChannel,
+    readings: np.ma.MaskedArray[Any, Any],
+    rows: Rows,
+    time: Array,
+    tells_empty: bool,
+) -> tuple[Array, list[str]]:
+    """Find the readings (n,) of a channel that can be used.
+
+    Returns
+    -------
+    numbers
+        In the unit of the file, (n,): NaN where a reading is empty, has failed, or is left out as
+        damaged.
+    remarks
+        A sentence for each kind of reading that cannot be used; of empty ones if `tells_empty`.
+
+    Raises
+    ------
+    InputError
+        Infinity, or more failed readings than `most_missing`.
+    """
+    is_empty = np.ma.getmaskarray(readings)
+    numbers = floats_of(readings).copy()
+    has_failed = np.isnan(numbers) & ~is_empty
+    rows_with_fault = {}  # mask (n,) of the rows, by what the channel has there
+    if tells_empty:
+        rows_with_fault["has no value"] = is_empty
+    if source.damaged == "skip":
+        is_word = np.isinf(numbers)
+        numbers[is_word] = np.nan
+        rows_with_fault["has a word or infinity"] = is_word
+        known = ~np.isnan(numbers)
+        leaps = np.zeros_like(known)
+        leaps[known] = spoiled(numbers[known])
+        # named before it is left out: the remark quotes the first such number
+        rows_with_fault[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps
+        numbers[leaps] = np.nan
+    rows_with_fault["has no number"] = has_failed
+    known = ~np.isnan(numbers)
+    check_finite_values(setting.title, np.where(known, numbers, 0.0), time)
+    remarks = [
+        f"{setting.title} {fault} in {rows.counted(is_faulty)}"
+        for fault, is_faulty in rows_with_fault.items()
+        if is_faulty.any()
+    ]
+    missing_share = (~known & ~is_empty).mean()
+    if missing_share > source.allowed_missing:
+        raise InputError(
+            remarks[-1],
+            f"more than the {source.allowed_missing:.1%} of `most_missing`: repair the"
+            f" recording, or write `most_missing: {share_above(missing_share):g}` in the"
+            " source file",
+        )
+    return numbers, remarks
+
+
+def unwrap(title: str, numbers: Array, wraps_at: float) -> list[str]:
+    """Let numbers (n,) that begin anew at `wraps_at` go on, in place; a sentence if none does."""
+    known = ~np.isnan(numbers)
+    whole = np.unwrap(numbers[known], period=wraps_at)
+    has_no_effect = np.array_equal(whole, numbers[known])
+    numbers[known] = whole
+    if has_no_effect:
+        return [f"{title}: `wraps_at` had no effect, nothing begins anew"]
+    return []
 
 
 def checked_counts(what: str, raw: NDArray[Any], rows: Rows, remedy: str) -> NDArray[np.int64]:
@@ -298,10 +357,10 @@ def loss_of(loss: Loss, topic: str) -> Loss:
 
 
 def asked_channels(recording: Recording, settings: Mapping[str, LogChannel]) -> dict[str, Channel]:
-    """The channels of a log that settings name, by canonical column; with the counters beside them,
-    and the other angles and speeds."""
+    """Find the channels that settings name, by canonical column, their counters, and all other
+    angles and speeds in their rows."""
     asked = {column: recording.find(setting.address) for column, setting in settings.items()}
-    asked |= turns_beside(recording, asked)
+    asked |= other_turning_channels(recording, asked)
     for column, setting in settings.items():
         if setting.counter is not None:
             address = {**setting.address, setting.ADDRESS: setting.counter}

@@ -31,14 +31,14 @@ from osl_analysis.ingest.conversion import numbers_of
 TIME_UNITS = EXAMPLES["s"]  # [s], of clocks
 
 
-def is_like_clock(name: str) -> bool:
+def looks_like_time(name: str) -> bool:
     """Whether a column may be a clock by its name, such as `LabVIEW time`, `Date` or `sec`. Its
     readings decide."""
     last = re.split(r"[./]", name)[-1]
     return is_clock(last) or bool(re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last))
 
 
-def is_of_time(unit: str) -> bool:
+def is_time_unit(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
     return in_si(normalised(unit))[1] == "s"
 
@@ -161,7 +161,7 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
         return False
     usual = np.median(steps)
     is_even = np.mean(np.abs(steps - usual) < CLOCK.even_step * usual) > CLOCK.even_share
-    return bool(is_even and (is_of_time(unit) if unit else time_unit(values)))
+    return bool(is_even and (is_time_unit(unit) if unit else time_unit(values)))
 
 
 def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
@@ -327,10 +327,10 @@ def clocks_beside(
     time: a signal may rise as evenly."""
     for channel in recording.channels:
         is_stamp = channel.kind == Kind.CLOCK
-        is_named = is_stamp or is_like_clock(channel.name or channel.key)
+        is_named = is_stamp or looks_like_time(channel.name or channel.key)
         unit = channel.unit or channel.likely_unit
         may_be = is_named or (
-            channel not in asked.values() and (source.time.rate is not None or is_of_time(unit))
+            channel not in asked.values() and (source.time.rate is not None or is_time_unit(unit))
         )
         if channel in clocks_asked or channel.rows.count != count or not may_be:
             continue

@@ -69,19 +69,19 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
                 "record again",
             )
         with naming(f"topic '{name}'"):
-            table, of_topic, remarks = convert_topic(recording, source, settings)
+            table, topic_origins, remarks = convert_topic(recording, source, settings)
         tables.append(table)
         rates_hz[name] = rate_of(table["stamp"].to_numpy(), SECOND_NS)
-        origins.update(of_topic)
+        origins.update(topic_origins)
         warnings += [f"topic '{name}': {text}" for text in remarks]
     joined = join_on_stamp(tables)
     start = joined["stamp"][0]
     time = ((joined["stamp"] - start) / SECOND_NS).alias("time")
-    of_time = {**source.time.model_dump(), "start_ns": start}
+    time_facts = {**source.time.model_dump(), "start_ns": start}
     return Converted(
         samples=pl.DataFrame([time, *joined.drop("stamp")]),
         origins=origins,
-        facts={**recording.facts, "time": of_time, "rates_hz": rates_hz},
+        facts={**recording.facts, "time": time_facts, "rates_hz": rates_hz},
         warnings=warnings,
         losses=losses_of(loss, [*by_topic]),
         start_s=start / SECOND_NS,
@@ -98,11 +98,13 @@ def convert_topic(
     rows = next(iter(asked.values())).rows
     stamps = stamps_of(recording, source, rows)
     time = (stamps - stamps[0]) / SECOND_NS
-    of_topic = source.model_copy(update={"channels": settings})
-    columns, origins, remarks = canonical_columns(of_topic, asked, values, rows, time)
+    topic_source = source.model_copy(update={"channels": settings})
+    converted = canonical_columns(topic_source, asked, values, rows, time)
+    origins = converted.origins
+    remarks = converted.remarks
     # a message that is later than others by more was not only late
     fresh, stale = fresh_rows(rows, stamps, least=SECOND_NS)
-    table = pl.DataFrame([pl.Series("stamp", stamps), *columns])
+    table = pl.DataFrame([pl.Series("stamp", stamps), *converted.columns])
     if stale:
         table = table[fresh]
         remarks += stale

@@ -38,7 +38,7 @@ from osl_analysis.ingest.likely_clock import (
     unwrapped,
 )
 from osl_analysis.ingest.several_clocks import joined_clocks
-from osl_analysis.ingest.turning import BESIDE, factor_or_nan
+from osl_analysis.ingest.turning import OTHER_TURNING, factor_or_nan
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
         them are missing than the source file allows.
     """
     check_loss(recording, source)
-    parts = of_each_clock(recording, source)
+    parts = sources_by_clock(recording, source)
     clocks = [recording.find(part.time.address) if part.time.name else None for part in parts]
     converted = [
         convert_rows(recording, part, clock, clocks)
@@ -183,9 +183,9 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
     return converted[0] if len(converted) == 1 else joined_clocks(converted)
 
 
-def of_each_clock(recording: Recording, source: TableSource) -> list[TableSource]:
-    """The source file for the channels of each clock of a table: of the channels that share a
-    stated time, or the timing that the file tells of them."""
+def sources_by_clock(recording: Recording, source: TableSource) -> list[TableSource]:
+    """Part a source file by clock: channels share one if they share a stated time, or else the
+    timing that the file states for them."""
     parts: dict[str, TableSource] = {}
     for column, setting in source.channels.items():
         time = getattr(setting, "time", None) or source.time
@@ -218,10 +218,11 @@ def convert_rows(
     apart, remarks = check_other_clocks(recording, source, clock, time, asked, clocks)
     values, at_own_rate = with_own_rows(table.values, rows, time)
 
-    columns, origins, gaps = canonical_columns(source, asked, values, rows, time, at_own_rate)
-    frame = pl.DataFrame([pl.Series("time", time), *columns])
+    converted = canonical_columns(source, asked, values, rows, time, at_own_rate)
+    origins = converted.origins
+    frame = pl.DataFrame([pl.Series("time", time), *converted.columns])
     rates = [text for column, text in at_own_rate.items() if column in origins]
-    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *rates, *gaps]
+    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *rates, *converted.remarks]
     for column, origin in origins.items():
         channel = asked[column]
         origin["found"] = channel.title or channel.key
@@ -250,7 +251,7 @@ def convert_rows(
         **recording.facts,
         **loads.facts,
         "clocks_apart": apart,
-        "damage": [*recording.loss.remarks, *table.remarks, *gaps],
+        "damage": [*recording.loss.remarks, *table.remarks, *converted.remarks],
     }
     losses = losses_of(recording.loss)
     return Converted(frame, origins, facts, [*warnings, *repeats], losses, table.start_s)
@@ -350,7 +351,7 @@ def read_log_table(
     values = {}
     for column, channel in asked.items():
         # what nobody asked for is no reason to refuse the rest
-        readings = numbers_of(channel) if column.startswith(BESIDE) else channel.values
+        readings = numbers_of(channel) if column.startswith(OTHER_TURNING) else channel.values
         values[column] = readings[: rows.count]
     if clock is not None:
         return at_clock(rows, values, clock, source)

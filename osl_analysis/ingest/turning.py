@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles and speeds of one recording, whether a column reads them or not: a speed is the change of
-an angle, and both sides of a gear differ by its ratio, or one of them has a wrong scale."""
+"""Compare angles and speeds of one recording, also of channels that no column reads.
+
+A speed is the change of an angle, and both sides of a gear differ by its ratio. Another ratio shows
+a wrong scale. Example: a speed in rpm that is declared as rad/s is 9.55 times too large.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +20,7 @@ from osl_analysis.draft.likelihood import kinds_of_words, parted_name
 from osl_analysis.draft.recorded_channel import likely_unit
 from osl_analysis.signals.agreement import turn_ratio, turns
 
-BESIDE = "beside "  # begins the key of a channel that turns, and that no column reads
+OTHER_TURNING = "beside "  # begins the key of a channel that turns, and that no column reads
 SPEED = "rad/s"
 TURNING = ("rad", SPEED)  # SI units of what turns
 
@@ -29,25 +33,29 @@ class Turning:
     ----------
     name
         Its column, or its key in the file.
-    is_of_motor
-        Whether it is called so.
+    is_motor_side
+        Whether its name says that it is of the motor.
     turned
         How far in short times [rad], shape (spans,).
     """
 
     name: str
     is_speed: bool
-    is_of_motor: bool
+    is_motor_side: bool
     turned: Array
 
 
-def turns_beside(recording: Recording, asked: Mapping[str, Channel]) -> dict[str, Channel]:
-    """The channels that turn in the rows of asked ones, and that none of these is, by the key that
-    tells them from columns."""
+def other_turning_channels(
+    recording: Recording, asked: Mapping[str, Channel]
+) -> dict[str, Channel]:
+    """Find the angles and speeds that nobody asked for, in the rows of asked channels.
+
+    Their keys begin with `OTHER_TURNING`, which no column does.
+    """
     rows = {(channel.rows.name, channel.rows.count) for channel in asked.values()}
     keys = {channel.key for channel in asked.values()}
     return {
-        BESIDE + channel.key: channel
+        OTHER_TURNING + channel.key: channel
         for channel in recording.channels
         if (channel.rows.name, channel.rows.count) in rows
         and channel.key not in keys
@@ -78,10 +86,21 @@ def factor_or_nan(unit: str, si_unit: str) -> float:
         return np.nan
 
 
-def told_of_turns(
-    time: Array, columns: Mapping[str, Array], beside: Sequence[tuple[Channel, Array]]
-) -> Iterator[tuple[str, str, str, float]]:
-    """Hold angles and speeds of the same rows against each other.
+class TurnRatio(NamedTuple):
+    """How far one thing turns for another one of the same rows."""
+
+    column: str
+    kind: str  # `speeds`: speed over the change of its angle; `gears`: motor's side over joint's
+    other: str  # the other column, or the key of a channel
+    ratio: float  # [1]
+
+
+def compare_turning(
+    time: Array,
+    columns: Mapping[str, Array],
+    other_channels: Sequence[tuple[Channel, Array]],
+) -> Iterator[TurnRatio]:
+    """Compare angles and speeds of the same rows.
 
     Parameters
     ----------
@@ -89,14 +108,14 @@ def told_of_turns(
         Shape (n,) [s].
     columns
         Readings (n,) of columns in SI units.
-    beside
+    other_channels
         Other channels that turn, and their readings (n,).
 
     Yields
     ------
-    column, kind, other, ratio
-        Of `speeds`, a speed over the change of its angle, one of which is the column; of `gears`,
-        how many times as far the motor's side turns as the column, the joint's angle.
+    TurnRatio
+        Of a column that is an angle and its speed, or a speed and its angle; of the joint's angle
+        and each thing on the motor's side.
     """
     turning = []
     for column, readings in columns.items():
@@ -104,27 +123,29 @@ def told_of_turns(
         if unit in TURNING and "command" not in column:
             turned = turns(time, readings, unit == SPEED)
             turning.append(Turning(column, unit == SPEED, column.endswith("_m"), turned))
-    for channel, readings in beside:
+    for channel, readings in other_channels:
         unit, factor = unit_of_turning(channel)
         turned = factor * turns(time, readings, unit == SPEED)
-        is_of_motor = "motor" in kinds_of(channel)
-        turning.append(Turning(f"'{channel.key}'", unit == SPEED, is_of_motor, turned))
+        is_motor_side = "motor" in kinds_of(channel)
+        turning.append(Turning(f"'{channel.key}'", unit == SPEED, is_motor_side, turned))
 
     speeds = {}
     for angle, other in product(turning, turning):
         ratio = turn_ratio(angle.turned, other.turned)
         if angle.is_speed or np.isnan(ratio):
             continue
-        if angle.name == "theta" and other.is_of_motor:
-            yield "theta", "gears", other.name, ratio
+        if angle.name == "theta" and other.is_motor_side:
+            yield TurnRatio("theta", "gears", other.name, ratio)
         elif other.is_speed:
             speeds[angle, other] = ratio
     for pair, ratio in speeds.items():
         # where either is nearer to another one, as to that of another joint, they are of two
-        sharing = [each for two, each in speeds.items() if {*pair} & {*two}]
-        is_nearest = abs(np.log(ratio)) <= np.abs(np.log(sharing)).min()
-        angle_name, speed_name = (each.name for each in pair)
-        if is_nearest and angle_name in columns:
-            yield angle_name, "speeds", speed_name, ratio
-        elif is_nearest and speed_name in columns:
-            yield speed_name, "speeds", angle_name, ratio
+        ratios_of_same = [
+            other_ratio for other_pair, other_ratio in speeds.items() if {*pair} & {*other_pair}
+        ]
+        is_nearest = abs(np.log(ratio)) <= np.abs(np.log(ratios_of_same)).min()
+        angle, speed = pair
+        if is_nearest and angle.name in columns:
+            yield TurnRatio(angle.name, "speeds", speed.name, ratio)
+        elif is_nearest and speed.name in columns:
+            yield TurnRatio(speed.name, "speeds", angle.name, ratio)

@@ -37,6 +37,7 @@ HYPOTHESES = np.vstack([np.zeros(len(LAGS)), LAGS == 0])
 ROWS = 24  # of a block, in which the signals tell how the stamps scatter
 CHUNKS = 20  # whose scatter gives the covariance; three blocks in each are the fewest
 MOTION_DEGREE = 5  # of the polynomials that a smooth motion follows in a block or a slope's window
+LEFT_BY_MOTION = 1 - (MOTION_DEGREE + 1) / ROWS  # share of white noise that these polynomials leave
 BLOCKS_SMOOTHED = 4  # over which the curve about which stamps scatter is smooth
 SLOPE_S = 0.04  # s over which the slope of a signal is that of a polynomial
 LEAST_NOT_ROUNDING = 0.02  # share of the stamps' scatter that their rounding must leave
@@ -62,7 +63,7 @@ class StampEvidence(NamedTuple):
     lack_of_fit: Array  # (2,), chi-square of the `HYPOTHESES`
 
 
-def evidence_of(signal: Array, clock: DeviceClock, fast_part: Array) -> StampEvidence | None:
+def estimate_response(signal: Array, clock: DeviceClock, fast_part: Array) -> StampEvidence | None:
     """Estimate the response of one signal's sampling times to the scatter of its stamps.
 
     Parameters
@@ -77,14 +78,14 @@ def evidence_of(signal: Array, clock: DeviceClock, fast_part: Array) -> StampEvi
     Returns
     -------
     StampEvidence or None
-        None if it does not tell: too few blocks, stamps that hardly scatter, or noise in more than
-        a fifth of the mean square of x'.
+        None if the signal is no evidence: too few blocks, stamps that hardly scatter, or noise in
+        more than a fifth of the mean square of x'.
 
     Notes
     -----
     Least squares in blocks of 24 rows. Orthonormal polynomials Q of degree 5 take the smooth motion
-    out of each: of blocks X remains X (I - Q Q'). The variance q^2/12 of stamps rounded to q is
-    taken off the normal matrix.
+    out of each block: X becomes X (I - Q Q'). The variance q^2/12 of stamps rounded to q is
+    subtracted from the normal matrix.
     """
     has_value = ~np.isnan(signal)
     values = signal[has_value]
@@ -92,51 +93,31 @@ def evidence_of(signal: Array, clock: DeviceClock, fast_part: Array) -> StampEvi
     fast = fast_part[has_value]
     slope_window = max(2 * round(SLOPE_S / 2 / clock.step) + 1, MOTION_DEGREE + 2)
     slope = smoothed(values, slope_window, 1) / clock.step
-
-    # first rows (k,) of the blocks in which, and in what the lags reach, no sample is missing
-    begins = np.arange(MOST_BEFORE, len(values) - MOST_BEHIND - ROWS, ROWS)
-    last = ROWS - 1 + MOST_BEHIND
-    places = count[begins + last] - count[begins - MOST_BEFORE]
-    begins = begins[places == MOST_BEFORE + last]
+    begins = whole_blocks(count)
     if len(begins) < 3 * CHUNKS:
         return None
-    polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, ROWS), MOTION_DEGREE + 1))[0]
-    fluctuations = blocks_of(values, begins)
-    fluctuations = fluctuations - (fluctuations @ polynomials) @ polynomials.T
 
-    # by chunk: the normal matrix of what the stamps move, and its products with what the signal
-    # does
-    normals = np.zeros((CHUNKS, len(LAGS), len(LAGS)))
-    products = np.zeros((CHUNKS, len(LAGS)))
-    slope_square = 0.0
-    for chunk, rows in enumerate(np.array_split(np.arange(len(begins)), CHUNKS)):
-        slopes = blocks_of(slope, begins[rows])
-        slope_square += float(np.vdot(slopes, slopes))
-        moved = np.array([slopes * blocks_of(fast, begins[rows] - lag) for lag in LAGS])
-        moved -= (moved @ polynomials) @ polynomials.T
-        columns = moved.reshape(len(LAGS), -1)
-        normals[chunk] = columns @ columns.T
-        products[chunk] = columns @ fluctuations[rows].ravel()
-
-    left_by_motion = 1 - (MOTION_DEGREE + 1) / ROWS
+    moments = block_moments(values, slope, fast, begins)
+    plain_normal = moments.normals.sum(axis=0)
     # rounded stamps scatter by their decimal over the root of 12, whatever the samples do
-    by_rounding = clock.decimal**2 / 12 * slope_square * left_by_motion
-    plain = normals.sum(axis=0)
-    normal = plain - by_rounding * np.eye(len(LAGS))
-    if np.linalg.eigvalsh(normal)[0] <= LEAST_NOT_ROUNDING * np.linalg.eigvalsh(plain)[0]:
+    by_rounding = clock.decimal**2 / 12 * moments.slope_square * LEFT_BY_MOTION
+    normal = plain_normal - by_rounding * np.eye(len(LAGS))
+    least_plain = np.linalg.eigvalsh(plain_normal)[0]
+    if np.linalg.eigvalsh(normal)[0] <= LEAST_NOT_ROUNDING * least_plain:
         return None
     inverse = np.linalg.inv(normal)
-    response = inverse @ products.sum(axis=0)
-    # what is left of the signal: its square, and its products by chunk
-    squares = np.vdot(fluctuations, fluctuations)
-    squares += (normals @ response - 2 * products).sum(axis=0) @ response
-    scores = products - normals @ response
+    response = inverse @ moments.products.sum(axis=0)
 
+    change_by_fit = (moments.normals @ response - 2 * moments.products).sum(axis=0) @ response
+    residual_variance = (moments.square + change_by_fit) / moments.samples / LEFT_BY_MOTION
     slope_weights = scipy.signal.savgol_coeffs(slope_window, MOTION_DEGREE, 1)
-    residual_variance = squares / fluctuations.size / left_by_motion
     slope_noise = residual_variance * np.sum(slope_weights**2) / clock.step**2
-    if not slope_noise <= MOST_SPEED_NOISE * slope_square / fluctuations.size:
+    # `not <=`: a NaN is no evidence
+    if not slope_noise <= MOST_SPEED_NOISE * moments.slope_square / moments.samples:
         return None
+
+    # covariance from the scatter of chunks, whose noise need not be white (sandwich estimator)
+    scores = moments.products - moments.normals @ response
     covariance = inverse @ (scores.T @ scores) @ inverse * CHUNKS / (CHUNKS - 1)
     if covariance.diagonal().max() > KNOWN**2:
         return None
@@ -144,6 +125,60 @@ def evidence_of(signal: Array, clock: DeviceClock, fast_part: Array) -> StampEvi
     deviation = response - HYPOTHESES
     lack_of_fit = np.einsum("hi,ij,hj->h", deviation, weight, deviation)
     return StampEvidence(response.sum(), np.sqrt(covariance.sum()), lack_of_fit)
+
+
+def whole_blocks(count: NDArray[np.int64]) -> NDArray[np.intp]:
+    """First rows (k,) of the blocks that miss no sample, nor do the rows that their lags reach;
+    `count` (n,) is the place of each sample in the device's count."""
+    begins = np.arange(MOST_BEFORE, len(count) - MOST_BEHIND - ROWS, ROWS)
+    last = ROWS - 1 + MOST_BEHIND
+    places = count[begins + last] - count[begins - MOST_BEFORE]
+    return begins[places == MOST_BEFORE + last]
+
+
+class BlockMoments(NamedTuple):
+    """Sums of products over blocks without their smooth motion, by chunk of blocks."""
+
+    normals: Array  # (CHUNKS, 4, 4), normal matrix of g_k: products of x' f_k
+    products: Array  # (CHUNKS, 4), products of x' f_k with the signal
+    square: float  # square of the signal
+    slope_square: float  # square of its slope x', with the smooth motion
+    samples: int  # number of samples in the blocks
+
+
+def block_moments(
+    values: Array, slope: Array, fast: Array, begins: NDArray[np.intp]
+) -> BlockMoments:
+    """Sum products of a signal, and of what the stamps move in it, over blocks.
+
+    Parameters
+    ----------
+    values, slope : Array
+        The signal x, and its slope x' [1/s], (n,).
+    fast : Array
+        Fast part of the stamps, (n,) [s].
+    begins : Array
+        First rows of the blocks, (k,).
+    """
+    fluctuations = without_motion(blocks_of(values, begins))
+    normals = np.zeros((CHUNKS, len(LAGS), len(LAGS)))
+    products = np.zeros((CHUNKS, len(LAGS)))
+    slope_square = 0.0
+    for chunk, rows in enumerate(np.array_split(np.arange(len(begins)), CHUNKS)):
+        slopes = blocks_of(slope, begins[rows])
+        slope_square += float(np.vdot(slopes, slopes))
+        moved = np.array([slopes * blocks_of(fast, begins[rows] - lag) for lag in LAGS])
+        columns = without_motion(moved).reshape(len(LAGS), -1)
+        normals[chunk] = columns @ columns.T
+        products[chunk] = columns @ fluctuations[rows].ravel()
+    square = float(np.vdot(fluctuations, fluctuations))
+    return BlockMoments(normals, products, square, slope_square, fluctuations.size)
+
+
+def without_motion(blocks: Array) -> Array:
+    """Blocks (..., ROWS) less the polynomial of `MOTION_DEGREE` that fits each."""
+    polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, ROWS), MOTION_DEGREE + 1))[0]
+    return blocks - (blocks @ polynomials) @ polynomials.T
 
 
 def blocks_of(values: Array, begins: NDArray[np.intp]) -> Array:
@@ -191,8 +226,10 @@ def decide(signals: Mapping[str, Array], clock: DeviceClock) -> Reading:
         return Reading(True, True, "even: the stamps scatter by their rounding alone")
 
     fast_part = clock.residual - smoothed(clock.residual, BLOCKS_SMOOTHED * ROWS + 1)
-    evidence = {name: evidence_of(signal, clock, fast_part) for name, signal in signals.items()}
-    return reading_of(clock, {name: found for name, found in evidence.items() if found})
+    evidence = {
+        name: estimate_response(signal, clock, fast_part) for name, signal in signals.items()
+    }
+    return reading_of(clock, {name: response for name, response in evidence.items() if response})
 
 
 def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Reading:

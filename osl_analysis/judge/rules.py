@@ -13,7 +13,8 @@ A rule finds a number of a row that is beyond its limit, or a cell that is missi
 
 Importing fails where a table has no such column, or `words.yaml` no such rule. Beyond a limit of
 this file the method or the number cannot be right. A rule with `limit=None` has a limit that
-depends on the device and its bench: the configuration states it, under `doubtful`."""
+depends on the device and its bench: the configuration states it, under `doubtful`.
+"""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping

@@ -30,16 +30,18 @@ from osl_analysis.judge.recording_checks import BY_JOB
 from osl_analysis.report import methods
 from osl_analysis.report.numbers import headline_sentences, macro_name, numbers_in_summary
 from osl_analysis.report.page import (
-    ISOLATED,
-    Signals,
     inline_svg,
-    measured_response,
-    of_fit,
-    of_recording,
     trial_view,
     written_page,
 )
 from osl_analysis.report.paper_tables import conditions, groups
+from osl_analysis.report.trial_signals import (
+    ISOLATED,
+    Signals,
+    fit_signals,
+    measured_response,
+    recording_signals,
+)
 from osl_analysis.report.typography import template
 from osl_analysis.report.verdicts import (
     brief_lines,
@@ -225,20 +227,20 @@ def plotted_signals(
     of its `recordings` with rows; None without torque and angle."""
     motion = WHAT_MOVES.get(row["experiment"], "Joint angle")
     if series is not None:
-        signals = of_fit(read_table(series, name="series"), motion)
+        signals = fit_signals(read_table(series, name="series"), motion)
         if "response" in tables and "impedance" in tables:
             fit = tables["impedance"].row(-1, named=True)
             return replace(signals, response=measured_response(tables["response"], fit))
         return signals
     if "walking_responses" in tables:
-        return of_fit(tables["walking_responses"], motion, ISOLATED)
+        return fit_signals(tables["walking_responses"], motion, ISOLATED)
     for recording in recordings:
         shown = sorted(SHOWN_COLUMNS & pl.read_parquet_schema(recording).keys())
         samples = pl.read_parquet(
             recording, columns=shown, glob=False
         )  # none of a crossing that is excluded
         if len(samples) and len(shown) > 1:
-            return of_recording(samples, f"{motion} (deg)")
+            return recording_signals(samples, f"{motion} (deg)")
     return None
 
 

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The headline numbers of a campaign, in the order of the summary: from which rows of which result
-table each is computed, and how.
+"""The list of headline numbers, in the order of the summary.
+
+Each entry says the table, the rows and the function of its number:
 
     ListedNumber("K", "impedance", "N*m/rad", value="K", rows=is_whole, ends=("K_low", "K_high"))
 
-A number is a column, or a function of the table; so are the rows that count. A column that the
-table does not have, and a number without words in `numbers.yaml`, fail at import. Whether
-compensation is better stands first: a pair is a compensated and an uncompensated trial of one
-condition, or both at one frequency.
+Importing fails where a table lacks a column, or `numbers.yaml` the words of a number. The first
+numbers say whether compensation is better: a pair is a compensated and an uncompensated trial of
+one condition, or both at one frequency.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,14 +26,13 @@ Column = str | Callable[[pl.DataFrame], pl.Series]
 """A column of a table, or a function of the table that gives one."""
 
 BY_CONDITION = "by condition"
-"""`says` of the numbers that a text for each condition holds, where nothing else tells how near the
-conditions are."""
+"""`says` of numbers that stand in the sentence of their condition."""
 
 
 @dataclass(frozen=True)
 class WordsOfNumber:
-    """What a reader is told of a number: its meaning, and the begin of the sentence that tells it
-    at the end of a run and on the page; empty for none."""
+    """The words of a number: its meaning, and the begin of its sentence at the end of a run and on
+    the page; empty for none."""
 
     meaning: str
     says: str = ""
@@ -55,36 +54,36 @@ class ListedNumber:
     Attributes
     ----------
     name
-        With columns of the first row in braces, as `{name}`.
+        Its name; columns of the first row may stand in braces, as `{name}`.
     table
         Its result table.
     unit
-        As `name`.
+        Its unit, with columns in braces as in `name`.
     value
-        The number of each row.
+        The column, or the function of the table, with the number of each row.
     of
-        The columns of which `value` is, where it is a function: a row counts where none of them is
+        The columns that `value` uses, where it is a function. A row counts where none of them is
         doubtful.
     rows
-        Which rows count (n,).
+        The function that says which rows (n,) count.
     ends
-        Of its interval; None: several rows have the range of their values in place of one.
+        The ends of its interval; None: several rows have the range of their values.
     by
-        One number for each combination of these columns, which ends its name.
+        Columns; there is a number for each combination of their values, which ends its name.
     reduce
-        Over rows; the mean of estimates has Student's interval.
+        How rows become one number; a mean of estimates has Student's interval.
     symbol
-        Before the number in its sentence.
+        The symbol before the number in its sentence.
     in_condition
-        Whether the text for its condition holds it, in place of a sentence of its own.
+        Whether it stands in the sentence of its condition, in place of one of its own.
     draft
-        The value that the paper's draft prints.
+        The value in the paper's draft.
     interval
-        What it is, where no column says so.
+        The name of its interval, where no column has it.
     origin
         The table with its trials, where that is neither its own nor that of the summary.
     words
-        By which `numbers.yaml` has its words; empty: its name.
+        The key of its words in `numbers.yaml`; empty: its name.
     """
 
     name: str
@@ -119,12 +118,12 @@ class ListedNumber:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns of which the number is."""
+        """The columns that the number uses."""
         return (self.value,) if isinstance(self.value, str) else self.of
 
     @property
     def meaning(self) -> str:
-        """What it is, with columns of the first row in braces."""
+        """Its meaning, with columns of the first row in braces."""
         return WORDS[self.words or self.name].meaning
 
     @property
@@ -193,7 +192,7 @@ def is_certain_without_agreement(delay: pl.DataFrame) -> pl.Series:
 
 
 def negative(column: str) -> Callable[[pl.DataFrame], pl.Series]:
-    """A column with the other sign: a difference that is the other way round."""
+    """A column with the other sign."""
     return lambda table: -table[column]
 
 
@@ -203,13 +202,15 @@ def milliseconds(column: str) -> Callable[[pl.DataFrame], pl.Series]:
 
 
 def is_nearer_to_Z_d(response: pl.DataFrame) -> pl.Series:
-    """By frequency of a compensated trial, whether |Z - Z_d| is smaller than without compensation
-    in the same condition (the smallest of those that are not doubtful); null without such a
-    pair."""
+    """Whether |Z - Z_d| is smaller with compensation, by frequency of each compensated trial.
+
+    It is compared with the smallest sound one without compensation in the same condition, and null
+    where there is none.
+    """
     pair = ["joint", "side", "K_d", "B_d", "frequency_hz"]
     rows = response.with_columns(is_left_out=is_doubtful(response, ["Z_error"]))
-    others = rows.filter(pl.col("controller") == "uncompensated", ~pl.col("is_left_out"))
-    smallest = others.group_by(pair).agg(smallest=pl.col("Z_error").min())
+    uncompensated = rows.filter(pl.col("controller") == "uncompensated", ~pl.col("is_left_out"))
+    smallest = uncompensated.group_by(pair).agg(smallest=pl.col("Z_error").min())
     paired = rows.join(smallest, on=pair, how="left", nulls_equal=True, maintain_order="left")
     is_smaller = pl.when(controller="compensated").then(pl.col("Z_error") < pl.col("smallest"))
     return paired.select(is_smaller=is_smaller)["is_smaller"]
@@ -223,11 +224,11 @@ def above_B_d(fits: pl.DataFrame) -> pl.Series:
     return fits["B"] - fits["B_d"]
 
 
-def beside_B_d(fits: pl.DataFrame) -> pl.Series:
+def distance_to_B_d(fits: pl.DataFrame) -> pl.Series:
     return (fits["B"] - fits["B_d"]).abs()
 
 
-def viscous_beside_B_d(fits: pl.DataFrame) -> pl.Series:
+def viscous_distance_to_B_d(fits: pl.DataFrame) -> pl.Series:
     return (fits["B_viscous"] - fits["B_d"]).abs()
 
 
@@ -241,7 +242,7 @@ CONDITION = ("controller", "K_d", "B_d")
 
 
 def nearer(symbol: str, unit: str) -> ListedNumber:
-    """By how much an estimate is nearer to the desired one with compensation."""
+    """How much nearer to the desired value an estimate is with compensation."""
     return ListedNumber(
         f"nearer_{symbol}",
         "compensation",
@@ -255,7 +256,7 @@ def nearer(symbol: str, unit: str) -> ListedNumber:
     )
 
 
-def of_condition(estimate: str, unit: str, symbol: str = "") -> ListedNumber:
+def condition_number(estimate: str, unit: str, symbol: str = "") -> ListedNumber:
     """An estimate of the trials of each condition."""
     return ListedNumber(
         estimate,
@@ -301,7 +302,7 @@ def while_walking(
     )
 
 
-def of_component(
+def component_number(
     quantity: str, table: str, unit: str, draft: float, symbol: str = ""
 ) -> ListedNumber:
     """A component of the drivetrain, as the mean over its trials."""
@@ -360,7 +361,7 @@ LISTED_NUMBERS = (
         "B_error",
         "impedance",
         "N*m*s/rad",
-        value=beside_B_d,
+        value=distance_to_B_d,
         of=("B", "B_d"),
         rows=is_whole,
         by=("controller",),
@@ -390,14 +391,14 @@ LISTED_NUMBERS = (
         of=("lag_s",),
         rows=is_certain_without_agreement,
     ),
-    of_condition("K", "N*m/rad", "K"),
-    of_condition("B", "N*m*s/rad", "B"),
-    of_condition("B_viscous", "N*m*s/rad"),
-    of_condition("K_d_rendered", "N*m/rad"),
-    of_condition("B_d_rendered", "N*m*s/rad"),
+    condition_number("K", "N*m/rad", "K"),
+    condition_number("B", "N*m*s/rad", "B"),
+    condition_number("B_viscous", "N*m*s/rad"),
+    condition_number("K_d_rendered", "N*m/rad"),
+    condition_number("B_d_rendered", "N*m*s/rad"),
     at_frequency("K_at_hz", "stiffness", "N*m/rad", "K"),
     at_frequency("B_at_hz", "damping", "N*m*s/rad", "B"),
-    of_condition("I", "kg*m^2"),
+    condition_number("I", "kg*m^2"),
     while_walking("K", "N*m/rad", "K", draft=340.0),
     while_walking("B", "N*m*s/rad", "B"),
     while_walking("I", "kg*m^2"),
@@ -409,9 +410,9 @@ LISTED_NUMBERS = (
         of=("K", "offset_share"),
         by=("group",),
     ),
-    of_component("K_s", "belt_summary", "N*m/rad", 685.6, "K_s"),
-    of_component("B_j", "transmission_summary", "N*m*s/rad", 0.452, "B_j"),
-    of_component("J_j", "transmission_summary", "kg*m^2", 0.005),
+    component_number("K_s", "belt_summary", "N*m/rad", 685.6, "K_s"),
+    component_number("B_j", "transmission_summary", "N*m*s/rad", 0.452, "B_j"),
+    component_number("J_j", "transmission_summary", "kg*m^2", 0.005),
     ListedNumber(
         "transmission_VAF",
         "transmission",
@@ -420,11 +421,11 @@ LISTED_NUMBERS = (
         rows=is_whole,
         draft=99.1,
     ),
-    of_component("k_tau_n_m", "actuator_summary", "N*m/A", 1.0197),
-    of_component("f_C", "actuator_summary", "N*m", 0.377),
-    of_component("f_G", "actuator_summary", "N*m/A", 0.0896),
-    of_component("B_m", "actuator_summary", "N*m*s/rad", 0.0056),
-    of_component("J_m", "actuator_summary", "kg*m^2", 0.009211),
+    component_number("k_tau_n_m", "actuator_summary", "N*m/A", 1.0197),
+    component_number("f_C", "actuator_summary", "N*m", 0.377),
+    component_number("f_G", "actuator_summary", "N*m/A", 0.0896),
+    component_number("B_m", "actuator_summary", "N*m*s/rad", 0.0056),
+    component_number("J_m", "actuator_summary", "kg*m^2", 0.009211),
     ListedNumber(
         "torque_angle_K",
         "torque_angle",
@@ -453,7 +454,7 @@ LISTED_NUMBERS = (
         "B_viscous_error",
         "impedance",
         "N*m*s/rad",
-        value=viscous_beside_B_d,
+        value=viscous_distance_to_B_d,
         of=("B_viscous", "B_d"),
         rows=is_whole,
         by=("controller",),

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The text of a methods section: sentences of `templates/methods.j2`, each of which is printed only
-where the fact that it rests on is recorded, in Markdown and in LaTeX."""
+"""Write the text of a methods section, in Markdown and in LaTeX.
+
+`templates/methods.j2` has its sentences. A sentence is printed only where its fact is recorded.
+
+Example: `to_markdown(paragraphs(facts))`.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -29,21 +33,21 @@ BIBTEX = (
     .replace("RELEASE", version("osl-impedance"))
 )
 CITATION = re.compile(r"\[@(\w+)\]")
-MOST_LISTED = 8  # values in a sentence; of more it has the first and the last
+MOST_LISTED = 8  # values in a sentence; longer lists have the first and the last alone
 
 
 @dataclass(frozen=True)
 class MethodsFacts:
-    """What the template asks for."""
+    """The facts for the template."""
 
-    about: Mapping[str, str]  # what the results are made of
+    about: Mapping[str, str]  # origin of the results
     settings: Mapping[str, Any]  # of the analysis, nested
     tables: Mapping[str, pl.DataFrame]  # result tables, by name
     sheet: Sequence[Mapping[str, Any]]  # rows of the trials
     summary: Mapping[str, Any]
     rates_hz: Mapping[str, str]  # of markers and force plate
 
-    def each(self, table: str, column: str) -> str:
+    def listed(self, table: str, column: str) -> str:
         """The values of a column as `1, 2 and 3`; empty where there are none."""
         rows = self.tables.get(table, pl.DataFrame())
         if column not in rows.columns:
@@ -56,19 +60,19 @@ class MethodsFacts:
 
     @property
     def delays(self) -> Sequence[tuple[str, float]]:
-        """By how much the stamps of which signals were late [s]."""
+        """The names of signals whose stamps were late, with their delays [s]."""
         streams = self.tables.get("timebase", pl.DataFrame(schema=["signals", "delay_s"]))
         late = streams.filter(pl.col("delay_s") != 0).select("signals", "delay_s").unique()
         return late.sort(pl.all()).rows()
 
     @property
     def findings(self) -> Sequence[CampaignFinding]:
-        """Those of the campaign."""
+        """The findings of the campaign."""
         return findings_in_summary(self.summary)
 
 
 def unmarked(value: object) -> str:
-    """A value in a sentence, in which no sign of a person is one of the template's marks."""
+    """A value in a sentence, without signs that the template would take for its marks."""
     return str(value).replace("$", r"\$").replace("[@", "(@").replace("¶", "")
 
 
@@ -81,7 +85,7 @@ def paragraphs(facts: MethodsFacts) -> list[str]:
 
 
 def to_markdown(marked: Sequence[str]) -> str:
-    """The text in Markdown, with a list of what it cites."""
+    """The text in Markdown, with its references."""
     cited = list(dict.fromkeys(CITATION.findall(" ".join(marked))))
     texts = [
         CITATION.sub(lambda match: f"[{cited.index(match[1]) + 1}]", printed(in_markdown(text)))

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Headline numbers of a campaign: computed from result tables as `listed_numbers.py` says, and
-written as JSON, as macros of LaTeX and as sentences."""
+"""Compute the headline numbers of a campaign, and write them as JSON, LaTeX macros and sentences.
+
+`listed_numbers.py` says from which table and rows each number comes.
+
+Example: `next(headline_numbers({"impedance": impedance})).in_sentence`.
+"""
 
 import json
 import re
@@ -23,7 +27,10 @@ from osl_analysis.stats.doubts import counted, doubts_about, is_doubtful
 from osl_analysis.stats.repeats import OWN_CONDITION, RANGE, summary_row
 from osl_analysis.stats.rounding import decimal_places, plus_minus, to_places
 
-OF_CONDITION = (*PLACE, "excitation")  # by which conditions are told apart, too
+CONDITION_COLUMNS = (
+    *PLACE,
+    "excitation",
+)  # columns in which conditions may differ, beside K_d and B_d
 MOST_IN_SENTENCE = 3  # numbers, or lines of conditions, that a terminal holds
 
 
@@ -35,7 +42,7 @@ class Number:
     value: float
     low: float | None
     high: float | None
-    interval: str | None  # what the interval is
+    interval: str | None  # name of the interval
     unit: str
     meaning: str
     draft: float | None
@@ -43,16 +50,18 @@ class Number:
     n_doubtful: int  # further rows, which are left out
     says: str = ""  # begin of its sentence; empty for none
     symbol: str = ""  # before it in the sentence
-    subject: str = ""  # controller, condition, group, joint and side that it is of
+    subject: str = ""  # its controller, condition, group, joint and side
     verdict: str | None = None  # on the estimate, or on the paper's claim about it
-    doubtful: str = ""  # why the number itself is; empty if it is not
-    table: str = ""  # of results, of which it is computed
-    trials: Sequence[str] = ()  # in its rows; empty where the table has none
+    doubtful: str = ""  # the doubts about the number itself; empty for none
+    table: str = ""  # its result table
+    trials: Sequence[str] = ()  # trials in its rows; empty where the table has none
 
     @property
     def places(self) -> int:
-        """Decimal places, by its interval. A range of single values takes no digit off their mean,
-        and is not rounded to 100 %."""
+        """Decimal places, by the interval.
+
+        A range of single values does not take digits off their mean, nor is it rounded to 100 %.
+        """
         places = decimal_places(self.value, self.low, self.high, self.unit)
         if self.kind == RANGE:
             largest = max(self.value, self.high or 0.0, key=abs)
@@ -73,19 +82,19 @@ class Number:
 
     @property
     def brief(self) -> str:
-        """The number as a sentence has it: ± half of its 95 % interval, and its unit."""
+        """The number for a sentence: ± half of its 95 % interval, and its unit."""
         is_range = self.kind == RANGE
         ends = (None, None) if is_range else (self.low, self.high)
         return f"{plus_minus(self.places, self.value, *ends)} {self.unit}"
 
     @property
     def kind(self) -> str | None:
-        """What the interval is, for a reader; None without one."""
+        """The name of the interval for readers; None without an interval."""
         return self.interval if self.interval in (None, RANGE) else "95 %"
 
     @property
     def doubts(self) -> str:
-        """Why it is doubtful, or how many of its trials are; empty for none."""
+        """The doubts about the number, or the number of doubtful trials; empty for none."""
         if self.doubtful:
             return f"doubtful: {self.doubtful}"
         if not self.n_doubtful:
@@ -94,8 +103,7 @@ class Number:
 
     @property
     def in_sentence(self) -> str:
-        """The number with what it is of, the range of its trials and the doubts about it in
-        brackets."""
+        """The number, with its subject, the range of its trials and its doubts in brackets."""
         facts = [self.subject]
         if self.kind == RANGE:
             facts.append(f"trials {' to '.join(self.texts[1:])}")
@@ -107,9 +115,9 @@ class Number:
 def headline_numbers(
     tables: Mapping[str, pl.DataFrame], beside_draft: bool = True
 ) -> Iterator[Number]:
-    """Compute the listed numbers of which the campaign has the table and the columns.
+    """Compute the listed numbers whose table and columns the campaign has.
 
-    Where all rows are doubtful, there is none.
+    A number whose rows are all doubtful is left out.
 
     Parameters
     ----------
@@ -128,8 +136,11 @@ def headline_numbers(
 
 
 def parts(entry: ListedNumber, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
-    """The rows of each number of an entry, with the number and its interval, and the columns in
-    which they agree; none where the table lacks a column that the entry asks for."""
+    """The rows of each number of an entry, and the columns in which they agree.
+
+    The rows have `number`, `number_low` and `number_high`. There are none where the table lacks a
+    column of the entry.
+    """
     try:
         rows = table.with_columns(left_out=is_doubtful(table, entry.columns))
         rows = rows.filter(entry.rows(rows))
@@ -139,10 +150,10 @@ def parts(entry: ListedNumber, table: pl.DataFrame) -> list[tuple[pl.DataFrame, 
         return []
     low, high = ends or [value.clear(len(value))] * 2  # without an interval they are null
     rows = rows.with_columns(number=value, number_low=low, number_high=high)
-    if isinstance(entry.value, str):  # a mean has the part that its trials share
+    if isinstance(entry.value, str):  # a mean has the errors that its trials share
         rows = rows.rename({f"{entry.value}_se_bench": "number_se_bench"}, strict=False)
     rows = rows.filter(pl.col("number").is_finite())
-    kinds = OF_CONDITION if "K_d" in entry.by else PLACE
+    kinds = CONDITION_COLUMNS if "K_d" in entry.by else PLACE
     several = [name for name in kinds if name in rows.columns and rows[name].n_unique() > 1]
     keys = [name for name in (*entry.by, *several) if name in rows.columns]
     if "K_d" in keys:
@@ -159,8 +170,8 @@ def number_of(
     beside_draft: bool,
     trials: Sequence[str],
 ) -> Number:
-    """One number from its rows, which agree in the columns `keys`; `trials` are those behind it
-    where its rows name none."""
+    """One number from its rows, which agree in the columns `keys`. `trials` are its trials where
+    the rows name none."""
     used = rows.remove(pl.col("left_out"))
     first = used.row(0, named=True)
     values = used["number"]
@@ -173,18 +184,18 @@ def number_of(
     elif entry.ends is None and len(used) > 1:
         low, high, interval = values.min(), values.max(), RANGE
     cells = {key: first[key] for key in keys if first[key] not in (None, "", "all")}
-    stated = [
+    condition_texts = [
         f"{key} {cell:g}" if isinstance(cell, float) else str(cell) for key, cell in cells.items()
     ]
     n = len(used)
     n_doubtful = len(rows) - n or int(first.get("n_doubtful") or 0)
-    if n == 1:  # it may stand for several
+    if n == 1:  # a row of a summary stands for several trials or pairs
         n = int(first.get("n") or first.get("pairs") or 1)
     name, unit, meaning, says = (
         text.format(**{"n": n, **first})
         for text in (entry.name, entry.unit, entry.meaning, entry.says)
     )
-    subject = [text for text in stated if not name.startswith(text)]
+    subject = [text for text in condition_texts if not name.startswith(text)]
     return Number(
         name="_".join([name, *subject]).replace(" ", "_"),
         value=value,
@@ -212,19 +223,21 @@ def trials_in(table: pl.DataFrame) -> Sequence[str]:
 
 
 def headline_sentences(numbers: Iterable[Number], by_condition: bool = True) -> Iterator[str]:
-    """The sentences that a run ends with, each on alike numbers: K and B of the first conditions,
-    unless `by_condition` says that another one tells how near they are, then all others."""
+    """The sentences at the end of a run, each on numbers of one kind.
+
+    K and B of the first conditions come first if `by_condition`; else the answer has them.
+    """
     texts_of: dict[str, list[str]] = {}
-    of_conditions: dict[str, list[str]] = {}
+    texts_of_condition: dict[str, list[str]] = {}
     for number in numbers:
         if number.says == BY_CONDITION:
             condition = f"{number.subject}, {number.doubts}".removesuffix(", ")
             text = f"{number.symbol} = {number.brief}"
-            of_conditions.setdefault(condition, []).append(text)
+            texts_of_condition.setdefault(condition, []).append(text)
         elif number.says:
             texts_of.setdefault(number.says, []).append(number.in_sentence)
     if by_condition:
-        conditions = [f"{name}: {', '.join(texts)}" for name, texts in of_conditions.items()]
+        conditions = [f"{name}: {', '.join(texts)}" for name, texts in texts_of_condition.items()]
         yield from first_of(conditions, MOST_IN_SENTENCE)
     for begin, texts in texts_of.items():
         yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
@@ -236,7 +249,7 @@ def numbers_in_summary(summary: Mapping[str, Any]) -> list[Number]:
 
 
 def to_json(about: Mapping[str, str], numbers: Iterable[Number], content: Mapping[str, Any]) -> str:
-    """Write a summary: what the numbers are made of, further `content`, and the numbers in full."""
+    """Write a summary: the origin of the numbers, further `content`, and the numbers in full."""
     by_name = {number.name: asdict(number) for number in numbers}
     for fields in by_name.values():
         del fields["name"]

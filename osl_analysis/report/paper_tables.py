@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""K, B and I of each condition and each group of crossings, and the components of the drivetrain
-(Table I): rows for the page and for tables of a paper."""
+"""Rows of tables for the page and for a paper.
+
+They have K, B and I of each condition and of each group of crossings, the parts of their intervals,
+and the components of the drivetrain (Table I).
+
+Example: `tex_for_paper(condition_rows(conditions(impedance)), "Simulated data")`.
+"""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +21,8 @@ from osl_analysis.base.files import own_yaml
 from osl_analysis.judge.joining import GROUP_DOUBTS, RESULTS, WIDE_ESTIMATES
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.report.typography import in_latex, in_markdown, markdown_table, template
-from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
+from osl_analysis.report.verdicts import DOUBTFUL
+from osl_analysis.stats.budget import CLEAR, IN_INTERVAL, WIDE, budgets_in
 from osl_analysis.stats.doubts import counted, doubts_about
 from osl_analysis.stats.repeats import OWN_CONDITION, summary_row
 from osl_analysis.stats.rounding import (
@@ -47,9 +53,9 @@ IN_LATEX: Mapping[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
 class Component:
     """A component of the drivetrain in Table I."""
 
-    quantity: str  # that is measured, or stated
+    quantity: str  # name of the measured or stated quantity
     head: str
-    draft: str  # the value of the paper's draft; empty for none
+    draft: str  # value of the paper's draft; empty for none
 
 
 COMPONENTS = (
@@ -66,7 +72,7 @@ COMPONENTS = (
     Component("f_G", "f_G [N*m/A]", "0.0896"),
 )
 """Table I, in its order."""
-LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
+LARGEST_VAF = 99.99  # [%] largest one that is printed: none is rounded to 100
 SUBTRACTED = {ENSEMBLE: "mean unperturbed gait", PREDICTED: "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
 DAGGER = (
@@ -91,19 +97,26 @@ Cells = list[str | PrintedNumber]  # a row of a table for a paper
 class Condition:
     """K, B and I of one condition, or of one group of crossings."""
 
-    stated: Mapping[str, str]  # in what its trials agree, by column
-    trials: Sequence[str]  # names; none of a group
-    n: int  # trials or perturbations that count
-    is_doubtful: bool  # the only trial, whose estimates these are, or all of several
-    results: Sequence[str]  # why the device is not of second order, as friction
+    stated: Mapping[str, str]  # cells of the sheet in which its trials agree, by column
+    trials: Sequence[str]  # names of its trials; none for a group
+    n: int  # number of trials or perturbations that count
+    is_doubtful: bool  # whether its only trial is doubtful, or all of several
+    results: Sequence[str]  # titles of properties of the device, as friction
     estimates: Mapping[str, PrintedNumber]  # with their intervals, by symbol
-    ranges: Mapping[str, str] = field(default_factory=dict)  # over their motion, by symbol
-    wide: Sequence[str] = ()  # symbols of estimates whose intervals are wider than what is needed
+    # over amplitudes and parts of the band, by symbol
+    ranges: Mapping[str, str] = field(default_factory=dict)
+    wide: Sequence[str] = ()  # symbols of estimates whose intervals are wider than needed
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in one word."""
+        if self.is_doubtful:
+            return DOUBTFUL
+        return WIDE if self.wide else CLEAR
 
 
 def conditions(impedance: pl.DataFrame) -> list[Condition]:
-    """K, B and I of each condition: of its only trial, or the mean of those of several that are
-    not doubtful.
+    """K, B and I of each condition: of its only trial, or the mean of its sound trials.
 
     Parameters
     ----------
@@ -114,11 +127,11 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     whole = whole.with_columns(OWN_CONDITION)
     present = [name for name in CONDITION_KEYS if name in whole.columns]
     keys = [name for name in present if whole[name].n_unique() > 1]
-    if not keys:  # one condition: what the sheet states of it
+    if not keys:  # one condition, named by the cells of its row that are filled
         keys = [name for name in present if whole[name][0] not in (None, "")]
     symbols = [name for name in HEADS if whole[name].count()]
     parts = whole.sort(keys).partition_by(keys) if keys else [whole]
-    of_conditions = []
+    summaries = []
     for fits in parts:
         first = fits.row(0, named=True)
         used = fits if len(fits) == 1 else counted(fits)
@@ -129,13 +142,13 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
         for symbol in symbols:
             sound = counted(fits, [symbol])
             n_sound.append(len(sound))
-            # of one trial, or of several that are not doubtful; of none there is nothing
+            # a single trial is shown also where it is doubtful
             rows = fits if len(fits) == 1 else sound
             estimates[symbol] = mean_of_row(summary_row(rows, symbol), symbol)
             ranges[symbol] = range_text(rows, symbol)
-        of_conditions.append(
+        summaries.append(
             Condition(
-                stated={key: stated_text(first[key]) for key in keys},
+                stated={key: sheet_text(first[key]) for key in keys},
                 trials=fits["trial"].to_list(),
                 n=max(n_sound),
                 is_doubtful=0 in n_sound,
@@ -145,12 +158,14 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
                 wide=first[WIDE_ESTIMATES] if len(fits) == 1 else (),
             )
         )
-    return of_conditions
+    return summaries
 
 
 def range_text(fits: pl.DataFrame, symbol: str) -> str:
-    """The range of an estimate over amplitudes and parts of the band, in all of these fits, rounded
-    by itself; empty without one."""
+    """The range of an estimate over amplitudes and parts of the band, in all of these fits.
+
+    It is rounded by its own width, and empty where no fit has one.
+    """
     ends = [f"{symbol}_range_low", f"{symbol}_range_high"]
     if not {*ends} <= {*fits.columns}:
         return ""
@@ -160,26 +175,30 @@ def range_text(fits: pl.DataFrame, symbol: str) -> str:
     return " to ".join(to_places(decimal_places(low, low, high), low, high))
 
 
-def stated_text(cell: object) -> str:
-    """What the sheet states."""
-    return NOTHING if cell in (None, "") else f"{cell:g}" if isinstance(cell, float) else str(cell)
+def sheet_text(cell: object) -> str:
+    """A cell of the sheet as text."""
+    if cell in (None, ""):
+        return NOTHING
+    return f"{cell:g}" if isinstance(cell, float) else str(cell)
 
 
 def mean_of_row(row: Mapping[str, Any], symbol: str = "") -> PrintedNumber:
     """A mean over trials or crossings with its 95 % interval."""
-    if symbol == "VAF" and row["mean"] is not None:  # whose interval is a formality
+    if symbol == "VAF" and row["mean"] is not None:  # a share of 100 %: no interval is printed
         text = f"{min(row['mean'], LARGEST_VAF):.2f}"
         return PrintedNumber(text, text)
     return printed_number(row["mean"], row["low"], row["high"])
 
 
 def groups(summary: pl.DataFrame) -> Iterator[Condition]:
-    """K, B and I of each group of crossings, of all perturbations together: minus the mean
-    unperturbed gait, and minus predicted gait. † marks a doubtful estimate. `summary` is
-    `walking_summary.csv` with the findings on its groups."""
-    for (group,), of_group in summary.group_by("group", maintain_order=True):
+    """K, B and I of each group of crossings, by the fit to the mean response.
+
+    The response is that minus the mean unperturbed gait, and that minus predicted gait. † marks a
+    doubtful estimate. `summary` is `walking_summary.csv` with the findings on its groups.
+    """
+    for (group,), group_rows in summary.group_by("group", maintain_order=True):
         for estimator, subtracted in SUBTRACTED.items():
-            rows = of_group.filter(estimator=estimator).to_dicts()
+            rows = group_rows.filter(estimator=estimator).to_dicts()
             estimates = {}
             doubtful = []
             wide: list[str] = []
@@ -208,13 +227,15 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
                 )
 
 
-def condition_rows(of_conditions: Sequence[Condition]) -> list[Cells]:
-    """The table of conditions or of groups, with the number of trials that count. † marks a
-    doubtful one; where none counts there are no numbers."""
-    first = of_conditions[0]
+def condition_rows(conditions_or_groups: Sequence[Condition]) -> list[Cells]:
+    """The table of conditions or of groups, with the number of trials that count.
+
+    † marks a doubtful one. Without a trial that counts it has no numbers.
+    """
+    first = conditions_or_groups[0]
     heads = [*(first.stated or ["condition"]), "n", *(HEADS[name] for name in first.estimates)]
     rows: list[Cells] = [heads]
-    for condition in of_conditions:
+    for condition in conditions_or_groups:
         *labels, last = condition.stated.values() or [NOTHING]
         marked = [*labels, f"{last}†" if condition.is_doubtful else last]
         numbers: Cells = [*condition.estimates.values()]
@@ -227,11 +248,14 @@ def condition_rows(of_conditions: Sequence[Condition]) -> list[Cells]:
 def interval_rows(
     budget: pl.DataFrame, impedance: pl.DataFrame, means: Sequence[pl.DataFrame]
 ) -> list[Cells]:
-    """What makes the intervals of K, B and I by controller, and of the components: half-widths of
-    one trial by part and of all parts, and half of the range over its motion, each the median over
-    n trials; and the half-width of the mean over trials, of components (`means`), whose trials
-    scatter."""
-    fits = {row["trial"]: row for row in impedance.to_dicts()}  # the last is of all of a trial
+    """The parts of the intervals of K, B and I by controller, and of the components.
+
+    A row has the half-widths of one trial, by part and of all parts, and half of the range over its
+    motion, each the median over n trials. Components also have the half-width of the mean over
+    trials, from their summaries `means`.
+    """
+    # the last row of a trial is that of the fit to the whole trial
+    fits = {row["trial"]: row for row in impedance.to_dicts()}
     half_of_mean = {
         row["quantity"]: (row["high"] - row["low"]) / 2
         for summary in means
@@ -242,29 +266,34 @@ def interval_rows(
     widths_of: dict[tuple[str, str], list[list[float]]] = {}
     whole = budget.filter(pl.col("amplitude_deg").is_null(), pl.col("estimate").is_in(title_of))
     for (trial, name), rows in whole.group_by("trial", "estimate", maintain_order=True):
-        (found,) = budgets_in(rows.to_dicts(), {str(name): 0.0}).values()
-        parts = [found.half_width(part) for part in IN_INTERVAL]
+        (budget_of_trial,) = budgets_in(rows.to_dicts(), {str(name): 0.0}).values()
+        parts = [budget_of_trial.half_width(part) for part in IN_INTERVAL]
         fit = fits.get(trial, {})
         ends = [fit.get(f"{name}_range_{end}") or 0.0 for end in ("low", "high")]
-        widths = [*parts, found.half_width(), (ends[1] - ends[0]) / 2]
+        widths = [*parts, budget_of_trial.half_width(), (ends[1] - ends[0]) / 2]
         controller = fit.get("controller") or NOTHING
         widths_of.setdefault((controller, str(name)), []).append(widths)
     table: list[Cells] = [
         ["controller", "estimate", "n", *IN_INTERVAL, "all", "range", "mean of n"]
     ]
-    for (controller, name), of_trials in widths_of.items():
-        medians = map(median, zip(*of_trials, strict=True))
-        of_mean = half_of_mean.get(name, 0.0)
-        texts = [significant(width) if width else NOTHING for width in (*medians, of_mean)]
-        table.append([controller, title_of[name], str(len(of_trials)), *texts])
+    for (controller, name), trial_widths in widths_of.items():
+        medians = map(median, zip(*trial_widths, strict=True))
+        half_width_of_mean = half_of_mean.get(name, 0.0)
+        texts = [
+            significant(width) if width else NOTHING for width in (*medians, half_width_of_mean)
+        ]
+        table.append([controller, title_of[name], str(len(trial_widths)), *texts])
     return table
 
 
 def component_rows(
     summaries: Mapping[str, pl.DataFrame], stated: Mapping[str, float], beside_draft: bool
 ) -> list[Cells]:
-    """The components of the drivetrain (Table I), as means over trials, or else as the parameter
-    file states them, beside the draft's values if `beside_draft`."""
+    """The components of the drivetrain (Table I), as means over trials.
+
+    A component without trials is that of the parameter file. If `beside_draft`, the draft's values
+    stand beside them.
+    """
     cells: dict[str, Cells] = {
         name: [printed_number(value), "stated"] for name, value in stated.items()
     }
@@ -300,6 +329,6 @@ def latex_cell(cell: str | PrintedNumber) -> str:
 
 
 def markdown_for_paper(rows: Sequence[Cells], origin: str) -> str:
-    """The table in Markdown, and what it is made of."""
+    """The table in Markdown, with the origin of its numbers below."""
     texts = [[str(cell) for cell in row] for row in rows]
     return f"{markdown_table(texts)}\n{in_markdown(origin)}.\n"

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plots of the page's trials: one document of Bokeh, into which the page puts the signals of
-the trial that is open."""
+"""The plots of the page's trials, as one document of Bokeh.
+
+The page's script puts the signals of the open trial into the document.
+
+Example: `plots()["target_id"]` is the element of the page that holds them.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,12 +19,16 @@ from bokeh.plotting import figure
 from bokeh.resources import Resources
 from bokeh.themes import Theme
 
-from osl_analysis.report.page import RESPONSE, SIGNALS
+from osl_analysis.report.trial_signals import RESPONSE, SIGNALS
 
-# seen on light and on dark ground
-MEASURED_COLOUR, MODEL, RESIDUAL, BARS = "#3f7fbf", "#e06000", "#1a9070", "#7a7a7a"
+# colours that show on light and on dark ground
+MEASURED_COLOUR = "#3f7fbf"
+MODEL_COLOUR = "#e06000"
+RESIDUAL_COLOUR = "#1a9070"
+BAR_COLOUR = "#7a7a7a"
 TOOLS = "xpan,xbox_zoom,xwheel_zoom,reset"
-TALL_PX, FLAT_PX = 260, 170  # heights of panels [px]
+TALL_PX = 260  # height of a panel [px]
+FLAT_PX = 170
 
 
 def library() -> str:
@@ -31,21 +39,22 @@ def library() -> str:
 def plots() -> Mapping[str, Any]:
     """The plots as JSON, to be embedded in the page's element `plots`.
 
-    Panels over time zoom together, and so do those over frequency. A panel's tags are the columns
-    without which the page hides it; an axis with the tag `motion` gets the name of what moves.
+    Panels over time zoom together, and so do panels over frequency. The page hides a panel if the
+    trial lacks one of the columns in its tags. An axis with the tag `motion` gets the name of the
+    moving part.
     """
     signals = ColumnDataSource({name: [0.0, 1.0] for name in SIGNALS}, name="signals")
     response = ColumnDataSource({name: [1.0, 2.0] for name in RESPONSE}, name="response")
     torque = panel("torque", "Time (s)", "Torque (N·m)", TALL_PX)
     residual = panel("residual", "Time (s)", "Residual (N·m)", FLAT_PX, x_range=torque.x_range)
-    residual.line("time", "residual", source=signals, color=RESIDUAL)
+    residual.line("time", "residual", source=signals, color=RESIDUAL_COLOUR)
     motion = panel("motion", "Time (s)", "Joint angle (deg)", FLAT_PX, x_range=torque.x_range)
     motion.line("time", "motion", source=signals, color=MEASURED_COLOUR)
     motion.yaxis.tags = ["motion"]
     loop = panel("motion", "Joint angle (deg)", "Torque (N·m)", TALL_PX)
     loop.tags.append("torque")
     loop.xaxis.tags = ["motion"]
-    for signal, color in (("torque", MEASURED_COLOUR), ("model", MODEL)):
+    for signal, color in (("torque", MEASURED_COLOUR), ("model", MODEL_COLOUR)):
         torque.line("time", signal, source=signals, color=color, legend_label=signal)
         loop.line("motion", signal, source=signals, color=color, alpha=0.6)
     for over_time in (torque, residual, motion):
@@ -58,7 +67,9 @@ def plots() -> Mapping[str, Any]:
         x_axis_type="log",
         y_axis_type="log",
     )
-    bars = Whisker(base="frequency", lower="low", upper="high", source=response, line_color=BARS)
+    bars = Whisker(
+        base="frequency", lower="low", upper="high", source=response, line_color=BAR_COLOUR
+    )
     magnitude.add_layout(bars)
     phase = panel(
         "phase",
@@ -70,7 +81,7 @@ def plots() -> Mapping[str, Any]:
     )
     for over_frequency, measured in ((magnitude, "magnitude"), (phase, "phase")):
         over_frequency.scatter("frequency", measured, source=response, color=MEASURED_COLOUR)
-        over_frequency.line("frequency", f"model_{measured}", source=response, color=MODEL)
+        over_frequency.line("frequency", f"model_{measured}", source=response, color=MODEL_COLOUR)
     panels = [torque, residual, motion, loop, magnitude, phase]
     return json_item(
         column(*panels, sizing_mode="stretch_width"),

@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a text is set: units, symbols, powers and minus signs on the page, and signs of LaTeX; rows
-of texts as a table in Markdown, in LaTeX or in aligned columns, of which the first is the head; and
-the templates of longer texts."""
+"""Set texts for the page, LaTeX and Markdown, and load the templates of longer texts.
+
+Units, symbols, powers and minus signs are set by the patterns of `typography.yaml`. A table is rows
+of texts, of which the first is its head.
+
+Example: `printed("N*m*s/rad")` is `N·m·s/rad`.
+"""
 
 import re
 import unicodedata
@@ -21,7 +25,7 @@ ANY_SIGN = re.compile("|".join(TYPESET_SIGNS))  # few of a page's numbers have o
 
 @cache
 def printed(text: str) -> str:
-    """A text with units, symbols, powers and minus signs as the page sets them; empty for the unit
+    """A text with units, symbols, powers and minus signs as the page has them; empty for the unit
     1."""
     if ANY_SIGN.search(text) is None:
         return "" if text == "1" else text
@@ -99,8 +103,11 @@ MARKED_PARTS = re.compile(r"((?<!\\)\$.+?(?<!\\)\$|`[^`]+`|\[@\w+\])")
 
 
 def prose_in_latex(marked: str) -> str:
-    """A sentence in Markdown as LaTeX: symbols between `$` stay, what stands in backticks is set as
-    code, citations such as `[@fuller1987]` are made, and other signs are escaped."""
+    """A sentence in Markdown as LaTeX.
+
+    Symbols between `$` stay. A text in backticks becomes code, and `[@fuller1987]` a citation.
+    Other signs are escaped.
+    """
     words = []
     for part in MARKED_PARTS.split(marked):
         if part.startswith("$"):
@@ -120,8 +127,10 @@ def in_markdown(text: str) -> str:
 
 
 def template(name: str, filters: Mapping[str, Any] = {}, **choices: Any) -> Template:
-    """A template of this package, which refuses names that it does not know, with filters of its
-    own; `choices` are of `jinja2.Environment`."""
+    """A template of this package with `filters`; an unknown name in it is an error.
+
+    `choices` are options of `jinja2.Environment`.
+    """
     loader = FileSystemLoader(Path(__file__).with_name("templates"))
     environment = Environment(loader=loader, undefined=StrictUndefined, **choices)
     # models of Bokeh are read in the order in which they refer to each other

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The trials of a campaign that have no result, and why; the verdict on each trial, which page,
-summary and terminal count alike; and what a run found, in about ten lines for a terminal."""
+"""Verdicts on trials, trials without a result, and the summary of a run in about ten lines.
+
+Page, `summary.json` and terminal count verdicts by `verdict_on`, so that they agree.
+
+Example: `verdict_on("impedance", findings, left_out=None)` is one of `VERDICTS`.
+"""
 
 import textwrap
 from collections import Counter
@@ -32,7 +36,7 @@ DOUBTFUL = "doubtful"
 IN_PART = "doubtful in part"
 EXCLUDED = "excluded"
 NOT_JUDGED = "not judged"  # recordings that are read and not analysed
-MOST_LINES = 9  # at the end of a run, beside the one that says where the page is
+MOST_LINES = 9  # at the end of a run; one more says where the page is
 NOT_CHECKED = "not checked"
 LINE = 110  # letters of a line at the end of a run
 VERDICTS = (CLEAR, FLAGGED, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
@@ -41,12 +45,12 @@ VERDICTS = (CLEAR, FLAGGED, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
 class LeftOut(NamedTuple):
     """Why a trial has no result."""
 
-    by_job: bool  # whether a job refused or failed; else it was excluded
+    by_job: bool  # whether a job refused it or failed; else it was excluded
     reasons: list[str]
 
 
 def left_out_trials(excluded: pl.DataFrame) -> dict[str, LeftOut]:
-    """The trials that are left out, by trial, from `excluded.csv`; each reason once."""
+    """The trials of `excluded.csv` with their distinct reasons, by trial."""
     left_out: dict[str, LeftOut] = {}
     for row in excluded.iter_rows(named=True):
         by_job = row["check"] in BY_JOB
@@ -60,7 +64,7 @@ def left_out_trials(excluded: pl.DataFrame) -> dict[str, LeftOut]:
 def trials_without_result(
     sheet: Mapping[str, Mapping[str, Any]], tables: Mapping[str, pl.DataFrame]
 ) -> list[str]:
-    """The trials that lack a row of a table that their fit fills."""
+    """The trials without a row in a table that their fit writes."""
     trials_of = {name: {*table["trial"]} for name, table in tables.items() if "trial" in table}
     without = []
     for trial, row in sheet.items():
@@ -74,7 +78,7 @@ def trials_without_result(
 
 
 def serving_trials(sheet: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The trials that have no result of their own and that fits of others need, as static ones."""
+    """The trials without a result of their own that other fits need, as static trials."""
     experiment_of = {trial: EXPERIMENTS[row["experiment"]] for trial, row in sheet.items()}
     return [trial for trial, facts in experiment_of.items() if facts.place and not facts.tables]
 
@@ -82,8 +86,8 @@ def serving_trials(sheet: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def used_and_missing(
     sheet: Mapping[str, Mapping[str, Any]], left_out: Mapping[str, LeftOut]
 ) -> dict[str, dict[str, Any]]:
-    """By experiment: number `of` trials in the sheet, number `used`, and why others are
-    `missing`."""
+    """By experiment: the number `of` trials in the sheet, the number `used`, and the `missing`
+    trials with their reasons."""
     by_experiment = {}
     for experiment in EXPERIMENTS:
         trials = [trial for trial, row in sheet.items() if row["experiment"] == experiment]
@@ -124,30 +128,30 @@ def verdict_on(experiment: str, findings: Sequence[Finding], left_out: LeftOut |
     ----------
     experiment : str
     findings : Sequence of Finding
-        Those on the trial.
+        The findings on the trial.
     left_out : LeftOut or None
-        Why it has no result.
+        Why the trial has no result; None if it has one.
 
     Returns
     -------
     str
-        One of `VERDICTS`. It is flagged by a doubt about its recording alone, doubtful by one about
-        the fit to all of it, and doubtful in part by one about one amplitude, frequency or further
-        table.
+        One of `VERDICTS`. A doubt about the recording alone makes a trial flagged. A doubt about
+        the fit to the whole trial makes it doubtful. A doubt about one amplitude, frequency or
+        further table makes it doubtful in part.
     """
     if left_out is not None:
         return REFUSED if left_out.by_job else EXCLUDED
     if not EXPERIMENTS[experiment].place:
         return NOT_JUDGED
     doubts = [finding for finding in findings if finding.grade is Grade.DOUBTS]
-    of_whole = [doubt.table for doubt in doubts if not doubt.is_of_part]
-    if of_whole:
-        return FLAGGED if {*of_whole} == {QUALITY} else DOUBTFUL
+    doubted_tables = [doubt.table for doubt in doubts if not doubt.is_of_part]
+    if doubted_tables:
+        return FLAGGED if {*doubted_tables} == {QUALITY} else DOUBTFUL
     return IN_PART if doubts else CLEAR
 
 
 def results_on(findings: Sequence[Finding]) -> list[Finding]:
-    """Why the device of a trial is not of second order, as friction."""
+    """The findings that the device of a trial is not of second order, as friction."""
     return [finding for finding in findings if finding.is_result and not finding.is_of_part]
 
 
@@ -156,40 +160,44 @@ def verdict_counts(
     findings: Iterable[Finding],
     left_out: Mapping[str, LeftOut],
 ) -> tuple[dict[str, int], dict[str, int]]:
-    """How many trials of the sheet have each verdict, in the order of `VERDICTS`, and on how many
-    there is each source of `results_on`."""
+    """Count the trials of the sheet by verdict, in the order of `VERDICTS`, and by the source of
+    their `results_on`."""
     by_trial = findings_by_trial(findings)
     counts: Counter[str] = Counter()
     results: Counter[str] = Counter()
     for trial, row in sheet.items():
-        of_trial = by_trial.get(trial, ())
-        verdict = verdict_on(row["experiment"], of_trial, left_out.get(trial))
+        trial_findings = by_trial.get(trial, ())
+        verdict = verdict_on(row["experiment"], trial_findings, left_out.get(trial))
         counts[verdict] += 1
-        results.update({finding.source for finding in results_on(of_trial)})
+        results.update({finding.source for finding in results_on(trial_findings)})
     return {verdict: counts[verdict] for verdict in VERDICTS}, dict(results.most_common())
 
 
 def verdicts_sentence(counts: Mapping[str, int], results: Mapping[str, int]) -> str:
-    """`9 trials, 3 doubtful; what matters: friction in 4.` A trial may have two causes; `results`
-    has their sources."""
+    """`9 trials, 3 doubtful; what matters: friction in 4.` A trial may have several sources in
+    `results`."""
     total = sum(counts.values())
-    others = [f"{n} {verdict}" for verdict, n in counts.items() if n and verdict != CLEAR]
-    text = ", ".join([f"{total} trial{'s' if total != 1 else ''}", *(others or ["none doubtful"])])
+    other_verdicts = [f"{n} {verdict}" for verdict, n in counts.items() if n and verdict != CLEAR]
+    text = ", ".join(
+        [f"{total} trial{'s' if total != 1 else ''}", *(other_verdicts or ["none doubtful"])]
+    )
     causes = ", ".join(f"{known_finding(source).title} in {n}" for source, n in results.items())
     return f"{text}; what matters: {causes}." if causes else f"{text}."
 
 
 def changed_lines(summary: Mapping[str, Any]) -> list[str]:
-    """What decides verdicts and differs from the shipped defaults, in a line; none without any."""
+    """A line on settings that decide verdicts and differ from the shipped defaults; else none."""
     texts = [f"{row['setting']} {row['value']} ({row['default']})" for row in summary["changed"]]
     begin = "not as shipped, and decides verdicts (default in brackets): "
     return [begin + ", ".join(texts)] if texts else []
 
 
 def brief_lines(summary: Mapping[str, Any]) -> list[str]:
-    """The answer, how many trials are doubtful or left out, the headline numbers, and the first
-    findings with what to do, from a `summary.json`, in lines of a terminal; how many findings there
-    are more, and how much could not be checked."""
+    """The lines at the end of a run, from its `summary.json`.
+
+    They have the answer, the number of trials by verdict, headline numbers, and the first findings
+    with what to do. The last line counts further findings and checks that were not possible.
+    """
     numbers = numbers_in_summary(summary)
     lines = [
         *textwrap.wrap(summary["answer"], LINE),
@@ -198,45 +206,45 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         *changed_lines(summary),
     ]
     findings = findings_in_summary(summary)
-    told = [finding for finding in findings if finding.verdict != NOT_CHECKED]
+    shown = [finding for finding in findings if finding.verdict != NOT_CHECKED]
     room = max(MOST_LINES - len(lines) - 1, 1)
-    lines += map(finding_line, told[:room])
-    rest = []
-    if len(told) > room:
-        rest.append(f"further findings on the page: {len(told) - room}")
+    lines += map(finding_line, shown[:room])
+    not_shown = []
+    if len(shown) > room:
+        not_shown.append(f"further findings on the page: {len(shown) - room}")
     unchecked = causes_not_checked(findings)
     if unchecked:
         texts = first_of(unchecked, 1, " that the page lists")
-        rest.append(f"not checked: {' '.join(texts)}")
-    if rest:
-        lines.append("; ".join(rest))
+        not_shown.append(f"not checked: {' '.join(texts)}")
+    if not_shown:
+        lines.append("; ".join(not_shown))
     return [line if len(line) <= LINE else shortened(line, LINE - len(" ...")) for line in lines]
 
 
 def finding_line(finding: CampaignFinding) -> str:
-    """A finding and what to do."""
+    """A line on a finding, with what to do."""
     mark = "·" if finding.verdict == "remark" else "⚠"
     return " → ".join(filter(None, [f"{mark} {finding.counts}", finding.brief]))
 
 
 def causes_not_checked(findings: Sequence[CampaignFinding]) -> list[str]:
-    """What could not be checked, each once."""
+    """The distinct causes that could not be checked."""
     return list(dict.fromkeys(f.cause for f in findings if f.verdict == NOT_CHECKED))
 
 
-# The sentence that a page and a run begin with: does the joint render what was asked for,
-# and better with compensation than without.
+# The first sentence of the page and of a run's end
 
 
 def answer(tables: Mapping[str, pl.DataFrame]) -> str:
-    """How far K and B of the trials are at most from what was asked for, by controller, and in how
-    many pairs compensation is nearer; empty where nothing was asked for, or all is doubtful.
+    """Say how near K and B are to what was asked for, in one sentence.
+
+    It has the largest errors of trials by controller, and the number of pairs in which compensation
+    is nearer. It is empty where nothing was asked for, or all trials are doubtful.
 
     Parameters
     ----------
     tables
-        `impedance`, with the findings on its rows, and `compensation`, as far as the campaign has
-        them.
+        `impedance`, with the findings on its rows, and `compensation`, if the campaign has them.
     """
     if "impedance" not in tables:
         return ""
@@ -256,11 +264,11 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
         if clauses:
             texts.append(", ".join(filter(None, [trials["controller"][0], " and ".join(clauses)])))
     pairs = tables.get("compensation", pl.DataFrame())
-    if texts and len(pairs):  # an empty file has no types
+    if texts and len(pairs):  # columns of an empty file have no types to sum
         nearer = []
         for symbol in ("K", "B"):
-            of_quantity = pairs.filter(of="trials", quantity=f"{symbol}_error")
-            better, count = of_quantity.select(pl.sum("better", "pairs")).row(0)
+            comparison = pairs.filter(of="trials", quantity=f"{symbol}_error")
+            better, count = comparison.select(pl.sum("better", "pairs")).row(0)
             if count:
                 nearer.append(f"in {symbol} in {better} of {count}")
         if nearer:

@@ -15,13 +15,15 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from osl_analysis.report.page import (
-    measured_response,
-    of_fit,
-    of_recording,
     trial_view,
     written_page,
 )
 from osl_analysis.report.paper_tables import Condition
+from osl_analysis.report.trial_signals import (
+    fit_signals,
+    measured_response,
+    recording_signals,
+)
 from osl_analysis.stats.rounding import printed_number
 
 pytestmark = pytest.mark.browser
@@ -51,10 +53,10 @@ def trials():
         }
     )
     response = measured_response(measured, {"K": 100.0, "B": 2.0, "I": 0.1})
-    fitted = of_fit(series, "Joint angle")
+    fitted = fit_signals(series, "Joint angle")
     signals = {
         "fitted": replace(fitted, response=response),
-        "crossing": of_recording(pl.DataFrame({"time": time, "torque": torque}), ""),
+        "crossing": recording_signals(pl.DataFrame({"time": time, "torque": torque}), ""),
         "unread": None,
     }
     for name, of_trial in signals.items():

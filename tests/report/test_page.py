@@ -22,14 +22,16 @@ from osl_analysis.judge.joining import joined
 from osl_analysis.report import methods
 from osl_analysis.report.page import (
     inline_svg,
-    measured_response,
-    of_fit,
-    of_recording,
     trial_view,
     with_symbols,
     written_page,
 )
 from osl_analysis.report.paper_tables import Condition, interval_rows
+from osl_analysis.report.trial_signals import (
+    fit_signals,
+    measured_response,
+    recording_signals,
+)
 from osl_analysis.report.verdicts import (
     LeftOut,
     trials_without_result,
@@ -200,7 +202,7 @@ def test_signals_survive_packing_to_a_thousandth_of_their_range():
         {"time": time, "theta_deg": np.cos(time), "torque": torque, "torque_model": model}
     ).fill_nan(None)
 
-    values = unpacked(of_fit(series, "Joint angle").packed())
+    values = unpacked(fit_signals(series, "Joint angle").packed())
 
     assert values["time"] == pytest.approx(time, abs=1e-5)
     assert values["torque"] == pytest.approx(torque, abs=0.03)
@@ -329,7 +331,7 @@ def test_everything_that_the_methods_cite_is_in_their_bibliography():
 
 
 def test_the_signals_of_a_page_are_valid_json():
-    signals = of_recording(pl.DataFrame({"time": [0.0], "torque": 1.0}), "")
+    signals = recording_signals(pl.DataFrame({"time": [0.0], "torque": 1.0}), "")
 
     html = written_page(page(trial_view(ROW, {}, [], None, signals)))
 

@@ -16,12 +16,16 @@ from osl_analysis.commands.gains import gain_table
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import (
+    NOTHING_STATED,
+    belt_deflection,
     delay_margin,
     dynamic_stiffness,
     known_parameters,
     linear_torque,
     passive_delay,
+    predicted_impedance,
     read_parameters,
+    stated_of_device,
 )
 from osl_analysis.simulator.two_mass_drivetrain import motor_current
 
@@ -198,6 +202,27 @@ def test_uncompensated_gains_are_reflected_through_the_belt():
     assert gains.K_1 * P.n_T**2 == pytest.approx(300)
     assert gains.B_1 * P.n_T**2 == pytest.approx(5)
     assert not gains.cancels_friction
+
+
+def test_a_belt_is_wound_by_what_the_joint_turns_beyond_its_actuator():
+    assert belt_deflection(0.1, 0.1 * P.n_T, P) == pytest.approx(0, abs=1e-15)
+    assert belt_deflection(0.1, 0.05 * P.n_T, P) == pytest.approx(0.05)
+
+
+def test_of_a_device_without_a_file_nothing_is_stated():
+    assert stated_of_device(None) == NOTHING_STATED
+
+
+@pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 2.5)])
+def test_a_slow_sine_has_the_stiffness_and_damping_of_the_request(K_d, B_d):
+    gains = compensator.compensated_gains(K_d, B_d, P)
+    slow = np.array([1e-3, 2e-3])
+    Z = dynamic_stiffness(2j * np.pi * slow, gains.K_1, gains.B_1, P)
+
+    K, B = predicted_impedance(gains.K_1, gains.B_1, P, slow)
+
+    assert K == pytest.approx(K_d, rel=1e-6)
+    assert B == pytest.approx(Z[0].imag / (2 * np.pi * slow[0]), rel=1e-3)
 
 
 @pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 2.5)])

@@ -6,7 +6,6 @@ import pytest
 import scipy
 from conftest import refused_with
 
-from osl_analysis.model.multisine import odd_lines, odd_multisine
 from osl_analysis.signals.filters import (
     LowPass,
     differentiate,
@@ -16,8 +15,6 @@ from osl_analysis.signals.filters import (
     seven_point_motion,
     unfollowed_density,
 )
-
-BAND = (0.5, 6.0)  # [Hz]
 
 
 def response_to_an_impulse(low_pass: LowPass) -> tuple[np.ndarray, np.ndarray]:
@@ -117,28 +114,6 @@ def test_runs_are_the_stretches_of_true_samples_and_the_longest_of_them():
     assert runs(mask) == [slice(0, 2), slice(4, 7), slice(8, 9)]
     assert longest_run(mask) == slice(4, 7)
     assert longest_run(~mask[:2]) == slice(0, 0)
-
-
-# ---- The odd random-phase multisine
-
-
-WHOLE_PERIOD = 8.0 * np.arange(4096) / 4096
-DEFAULT = odd_multisine(WHOLE_PERIOD, 8.0, BAND, seed=3)
-
-
-def test_only_odd_lines_move_all_by_the_same_size_to_an_rms_of_1():
-    size = 2 * np.abs(np.fft.rfft(DEFAULT)) / len(DEFAULT)
-
-    moved = np.flatnonzero(size > 1e-12)
-    np.testing.assert_array_equal(moved, odd_lines(8.0, BAND))
-    assert (moved % 2 == 1).all()
-    np.testing.assert_allclose(size[moved], np.sqrt(2 / len(moved)))
-
-
-def test_a_multisine_of_too_few_lines_is_refused():
-    with refused_with("2 odd lines"):
-        odd_lines(1.0, (1.0, 4.0))
-    assert odd_lines(1.0, (1.0, 5.0)).tolist() == [1, 3, 5]
 
 
 def test_what_another_signal_follows_is_taken_off_a_density_by_the_coherence():

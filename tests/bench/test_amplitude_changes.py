@@ -130,7 +130,7 @@ def test_half_of_a_change_over_amplitudes_is_friction_s_or_a_spring_s(changes, n
     large = of_amplitude(100 + changes["K"], 5 + changes["B"])
     analysis = SimpleNamespace(fits={4.0: large, 2.0: of_amplitude(100.0, 5.0), None: large})
     ranges = {name: (change, -change) for name, change in changes.items()}
-    found = Evidence(analysis, None, None, None, ranges, False)
+    found = Evidence(analysis, None, None, None, ranges, False, is_leg=False)
 
     for name, change in changes.items():
         sizes = {row.source: row.standard for row in over_motion(found, name)}

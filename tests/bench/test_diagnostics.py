@@ -196,7 +196,7 @@ def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     lag = LinearFit(("lag_s",), *numbers)
 
     analysis = SimpleNamespace(whole={"K": 300.0, "B": 2.0})
-    found = Evidence(analysis, Belt(lag=lag), None, None, {}, False)
+    found = Evidence(analysis, Belt(lag=lag), None, None, {}, False, is_leg=True)
 
     assert not certain_lag(found, "K")
     assert certain_lag(found, "B")[0].standard == pytest.approx(3)

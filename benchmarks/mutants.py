@@ -532,11 +532,13 @@ def main() -> None:
     with output.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        for row in plan.rows():
-            rows.append(row)
-            writer.writerow(row.cells())
-            file.flush()
-    print(table(rows))
+        try:
+            for row in plan.rows():
+                rows.append(row)
+                writer.writerow(row.cells())
+                file.flush()
+        finally:
+            print(table(rows))
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from conftest import least_squares_alone
 from shipped import DEVICE, LEG
 
 import osl_analysis as osl
+from osl_analysis.bench.rendered_gains import Leg
 from osl_analysis.model.drivetrain import dynamic_stiffness, held_actuator
 
 RATE_HZ = 250.0
@@ -114,6 +115,18 @@ def test_sines_between_lines_of_windows_are_told_at_their_frequencies(usual):
 
     Z = dynamic_stiffness(2j * np.pi * table["frequency_hz"].to_numpy(), 25.0, 0.66, LEG, 2e-4)
     assert table["magnitude"].to_numpy() == pytest.approx(1 / np.abs(Z), rel=8e-3)
+
+
+@pytest.mark.parametrize("name", ["K_1", "B_1", "delay"])
+def test_slopes_of_what_is_rendered_are_those_of_differences(name):
+    leg = Leg(None, LEG, K_1=25.0, B_1=0.66, delay=1e-3, fitted=(name,))
+    step = 1e-6
+
+    before, after = (leg.moved_by({name: sign * step}).impedance() for sign in (-1, 1))
+
+    for column, (_, slopes) in leg.impedance_slopes().items():
+        slope = (after[column] - before[column]) / (2 * step)
+        assert slopes.get(name, 0.0) == pytest.approx(slope, rel=2e-3, abs=1e-6)
 
 
 @pytest.mark.parametrize("delay", [-0.01, 0.005, 0.03])

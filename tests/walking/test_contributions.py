@@ -15,7 +15,7 @@ from osl_analysis.walking.impedance_fit import fit_response, mean_response
 from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
 from osl_analysis.walking.plate_lag import PlateTiming
-from osl_analysis.walking.tables import group_headline, headline_of_responses
+from osl_analysis.walking.tables import group_headline, headline_of_responses, result_columns
 
 K, B, I = 340.0, 5.0, 0.03
 UNKNOWN = PlateTiming({}, {})
@@ -115,6 +115,18 @@ def test_a_window_and_an_offset_are_in_no_interval():
     assert chosen == ["window", "offset"]
     others = replace(budget, contributions=tuple(budget.in_parts("repeatability", "bench")))
     assert budget.half_width() == others.half_width()
+
+
+def test_the_share_of_an_offset_is_what_it_changes_of_K():
+    found = headline_of_responses(responses(), NO_CORRECTION, UNKNOWN)
+    mean = found.ensemble.response
+    columns = np.column_stack([mean.fitted_motion.columns, np.ones_like(mean.fitted_torque)])
+    (K_with_offset, *_), *_ = np.linalg.lstsq(columns, mean.fitted_torque)
+    K_alone = fit_response(mean)["K"]
+
+    row = result_columns({"onset_phase": 0.4, "stance_s": 0.7}, found)
+
+    assert row["offset_share"] == pytest.approx(abs(K_with_offset / K_alone - 1))
 
 
 @pytest.mark.parametrize("frames", [1, 2])

@@ -102,6 +102,7 @@ def noise_of(values: NDArray[np.float64], order: int = 3) -> float:
 
 
 SPIKE_SHARE = 0.15  # least size of a spike, of the range of most values
+SPIKE_STEPS = 1.5  # of the smallest change; an encoder's last digit changes by one
 SPIKE_BENDS = 10.0  # usual second differences, of which a spike has more
 FAR_OFF = 5.0  # ranges beyond which a number that recurs is of no sensor, also in a row
 FEWEST_RECURRING = 3  # spikes of one value, as of bits that stood high
@@ -120,7 +121,9 @@ def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     bend = np.quantile(np.nan_to_num(np.abs(np.diff(steps))), 0.75)
     smaller = np.minimum(sizes[1:-2], sizes[2:-1])
     around = np.maximum(sizes[:-3], sizes[3:])
-    limit = max(SPIKE_SHARE * (high - low), SPIKE_BENDS * bend)
+    # one step of a coarse channel that mostly rests is no spike
+    smallest = np.min(sizes, where=sizes > 0, initial=np.inf)
+    limit = max(SPIKE_SHARE * (high - low), SPIKE_BENDS * bend, SPIKE_STEPS * smallest)
     comes_back = steps[1:-2] * steps[2:-1] < 0
     is_alone = comes_back & (smaller > np.maximum(limit, around))
     # of distinct values, since a short motion before a long rest is not far off

@@ -62,8 +62,9 @@ from osl_analysis.stats.linear_fit import LinearFit, variance_accounted_for
 from osl_analysis.stats.sources import Source
 
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
-# of the gains' standard errors: after a smaller step they have converged. The sign of the actuator's
-# velocity moves with them, so that a step is about a tenth of the one before: 1e-3 is left
+# of the gains' standard errors: after a smaller step they have converged. The sign of the
+# actuator's velocity moves with them, so that a step is about a tenth of the one before: 1e-3 is
+# left
 STEP_ROUNDING = 1e-2
 MOTION_CUTOFFS = 3.0  # of the low-pass, beyond which nothing of the motion is left
 """As of the torque that linear theory expects."""

@@ -117,6 +117,6 @@ def test_the_last_digit_of_an_encoder_before_a_long_rest_is_no_spike():
     step = 1e-3
     motion = step * np.round(20 * np.sin(2 * np.pi * np.arange(2000) / 100))
     motion[25::100] += step  # for one row where it turns
-    values = np.concatenate([motion, np.zeros(15_000)])
+    values = np.concatenate([motion, np.zeros(16_500)])
 
     assert find_leaps(np.arange(values.size) / RATE_HZ, values).size == 0

@@ -113,7 +113,7 @@ def finding_on(row: FitRow, symbol: str, expected: float, most: float, size: str
     difference = row[symbol] - expected
     side = "above" if difference > 0 else "below"
     limit = expected + math.copysign(most, difference)
-    evidence = (Beyond(symbol, row[symbol], limit, side, UNLIKE),)
+    evidence = (Beyond(symbol, row[symbol], limit, UNLIKE, side),)
     estimates = () if symbol == "K" else (symbol,)
     return Finding(
         UNLIKE, "impedance", row["trial"], evidence=evidence, estimates=estimates, size=size
@@ -236,5 +236,5 @@ def common_factor(arm: Sequence[FitRow], needed: Mapping[str, float]) -> Iterato
     size = "; ".join([values_text, *units])
     grade = Grade.DOUBTS if units else Grade.NOTES
     for row in rows:
-        evidence = (Beyond("K", row["K"], row["K_d"], "above", FACTOR),)
+        evidence = (Beyond("K", row["K"], row["K_d"], FACTOR, "above"),)
         yield Finding(FACTOR, "impedance", row["trial"], grade, evidence, size=size)

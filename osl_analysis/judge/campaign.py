@@ -111,7 +111,8 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[Finding]:
     grades = {"flag": Grade.DOUBTS, "exclude": Grade.EXCLUDES}
     for row in verdicts.filter(pl.col("verdict").is_in(list(grades))).to_dicts():
         check = CHECKS[row["check"]]
-        evidence = Beyond(check.name, row["value"], row.get("threshold") or 0.0, check.fails)
+        threshold = row.get("threshold") or 0.0
+        evidence = Beyond(check.name, row["value"], threshold, check.source, check.fails)
         grade = grades[row["verdict"]]
         size = f"{significant(row['value'], 3)} {row['unit']}"
         if row["remark"]:

@@ -156,18 +156,19 @@ def findings_in(table: pl.DataFrame) -> list[Finding]:
     findings = []
     for rows in table.partition_by("finding", maintain_order=True):
         row = rows.row(0, named=True)
+        source = Source(row["source"])
         evidence = rows.drop_nulls("evidence")
         numbers = evidence.select("evidence", "value", "limit", "probability").rows()
         findings.append(
             Finding(
-                source=Source(row["source"]),
+                source=source,
                 table=row["table"],
                 subject=row["trial"],
                 joint=row["joint"],
                 side=row["side"],
                 grade=Grade(row["grade"]),
                 evidence=tuple(
-                    Beyond(column, value, limit, probability=probability)
+                    Beyond(column, value, limit, source, probability=probability)
                     for column, value, limit, probability in numbers
                 ),
                 amplitude_deg=row["amplitude_deg"],

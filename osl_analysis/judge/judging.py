@@ -13,7 +13,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.judge.findings import WIDE_INTERVAL, Finding, fit_of
 from osl_analysis.judge.joining import WHY_NO_FIT, RowFindings
-from osl_analysis.judge.known_findings import FINDINGS, KnownFinding, known_finding
+from osl_analysis.judge.known_findings import FINDINGS, known_finding
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.rules import (
     AnyRow,
@@ -112,7 +112,8 @@ def judged(
             continue
         estimates = judged_estimates(name, budgets, limits)
         predicted = predicted_estimates(name, budgets, limits)
-        fault = FINDINGS.get((faults or {}).get(str(row.get("trial")), ""))
+        named = (faults or {}).get(str(row.get("trial")))
+        fault = Source(named) if named else None
         findings.append(findings_of_row(name, row, estimates, predicted, rules, fault))
     return findings
 
@@ -168,15 +169,15 @@ def findings_of_row(
     estimates: Sequence[Judged],
     predicted: Sequence[Judged],
     rules: Sequence[Rule],
-    fault: KnownFinding | None,
+    fault: Source | None,
 ) -> list[Finding]:
     """What a row is doubted for, what is worth knowing of it, and what could not be checked; of its
     `predicted` estimates whether their intervals are wide."""
     numbers = numbers_beyond(row, [rule for rule in rules if isinstance(rule, NumberRule)])
     are_weighed = any(e.budget.from_source(UNEXPLAINED) for e in estimates)
     for column, number in list(numbers.items()):
-        if known_finding(number.finding).spoils_estimates and are_weighed:
-            fault = fault or known_finding(number.finding)
+        if known_finding(number.source).spoils_estimates and are_weighed:
+            fault = fault or number.source
             del numbers[column]
 
     if fault:
@@ -210,37 +211,38 @@ def findings_of_row(
     return [worded(replace(each, **of_fit), row) for each in found]
 
 
-def of_spoiled(estimate: Judged, fault: KnownFinding) -> Judged:
+def of_spoiled(estimate: Judged, fault: Source) -> Judged:
     """The estimate of a recording in which a check found a fault, which is then likely, and named:
     what repeats and another motion leave open is the fault's, and a doubt beyond what is needed."""
     if estimate.verdict.rows:
-        return replace(estimate, verdict=replace(estimate.verdict, name=fault.name))
+        return replace(estimate, verdict=replace(estimate.verdict, name=fault))
     left = math.hypot(estimate.budget.half_width(), estimate.budget.half_range)
     has_friction = estimate.own is not estimate.budget  # at whose reversals a torque leaps, too
     if has_friction or left <= estimate.needed:
         return estimate
-    row = Contribution(Source(fault.name), left, basis="measured", part="fault")
-    return replace(estimate, verdict=Verdict(fault.name, estimate.needed, (row,)))
+    row = Contribution(fault, left, basis="measured", part="fault")
+    return replace(estimate, verdict=Verdict(fault, estimate.needed, (row,)))
 
 
 def doubts_of(estimates: Sequence[Judged]) -> list[Finding]:
     """The doubts that budgets tell, by their source, or by what a check of the recording found."""
-    by_name: dict[str, list[Judged]] = {}
+    by_source: dict[Source, list[Judged]] = {}
     for estimate in estimates:
-        if estimate.verdict.rows:
-            by_name.setdefault(estimate.verdict.name, []).append(estimate)
+        source = estimate.verdict.doubt
+        if source is not None:
+            by_source.setdefault(source, []).append(estimate)
     return [
         of_estimates(
-            name,
+            source,
             Grade.DOUBTS,
-            [evidence_of(estimate, name) for estimate in doubted],
-            doubt_text(name, doubted),
+            [evidence_of(estimate, source) for estimate in doubted],
+            doubt_text(source, doubted),
         )
-        for name, doubted in by_name.items()
+        for source, doubted in by_source.items()
     ]
 
 
-def evidence_of(estimate: Judged, name: str) -> Beyond:
+def evidence_of(estimate: Judged, source: Source) -> Beyond:
     """What is beyond its limit: the change by a fault; else the half-width, of which a likely fault
     makes more than is needed."""
     verdict = estimate.verdict
@@ -249,10 +251,10 @@ def evidence_of(estimate: Judged, name: str) -> Beyond:
         size, limit = estimate.budget.half_width(), estimate.needed
     weighed = [row.probability for row in verdict.rows if row.basis == "weighed"]
     probability = sum(weighed) if weighed else None  # models that are weighed exclude each other
-    return Beyond(estimate.name, size, limit, "above", name, probability=probability)
+    return Beyond(estimate.name, size, limit, source, "above", probability=probability)
 
 
-def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
+def doubt_text(source: Source, doubted: Sequence[Judged]) -> str:
     """What a source would do to estimates: its likeliest cause and those that are hardly less
     likely, their sizes, and what they leave unexplained where that matters, too."""
     causes: list[str] = []
@@ -281,18 +283,18 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
 
 def of_numbers(numbers: Numbers) -> list[Finding]:
     """The numbers beyond their limits by their causes."""
-    by_cause: dict[tuple[str, Grade], list[Beyond]] = {}
+    by_cause: dict[tuple[Source, Grade], list[Beyond]] = {}
     for number in numbers.values():
         grade = number.rule.grade if number.rule else Grade.DOUBTS
-        if known_finding(number.finding).is_result:
+        if known_finding(number.source).is_result:
             grade = Grade.NOTES
-        by_cause.setdefault((number.finding, grade), []).append(number)
+        by_cause.setdefault((number.source, grade), []).append(number)
     found = []
-    for (name, grade), evidence in by_cause.items():
+    for (source, grade), evidence in by_cause.items():
         remedies = [number.rule.remedy for number in evidence if number.rule]
         ends = [number.column for number in evidence if number.rule and number.rule.is_of_estimate]
         finding = Finding(
-            source=Source(name),
+            source=source,
             grade=grade,
             evidence=tuple(evidence),
             estimates=tuple(end.removesuffix("_high") for end in ends),
@@ -305,9 +307,9 @@ def of_numbers(numbers: Numbers) -> list[Finding]:
 def properties_of(estimates: Sequence[Judged], predicted: Sequence[Judged] = ()) -> list[Finding]:
     """Remarks: properties of the device that change an estimate by more than is needed, and
     intervals that are wider, of `predicted` estimates too."""
-    remarks: dict[str, dict[Beyond, str]] = {}  # by source the sizes in words
+    remarks: dict[Source, dict[Beyond, str]] = {}  # by source the sizes in words
     for estimate in estimates:
-        sizes: dict[str, tuple[float, str]] = {}
+        sizes: dict[Source, tuple[float, str]] = {}
         least = max(estimate.needed, estimate.own.half_width())
         # of several of one source the largest
         for each in sorted(estimate.own.in_parts("motion"), key=lambda each: each.size):
@@ -316,17 +318,17 @@ def properties_of(estimates: Sequence[Judged], predicted: Sequence[Judged] = ())
                 detail = f" ({each.detail})" if each.detail else ""
                 sizes[each.source] = (change, estimate.moved(change) + detail)
         for source, (size, text) in sizes.items():
-            beyond = Beyond(estimate.name, size, estimate.needed, "above", source)
+            beyond = Beyond(estimate.name, size, estimate.needed, source, "above")
             remarks.setdefault(source, {})[beyond] = text
         for name, budget in {estimate.name: estimate.own, estimate.judged: estimate.budget}.items():
             half = budget.half_width()
             if half > estimate.needed and not estimate.verdict.rows:
-                beyond = Beyond(name, half, estimate.needed, "above", WIDE_INTERVAL)
+                beyond = Beyond(name, half, estimate.needed, WIDE_INTERVAL, "above")
                 remarks.setdefault(WIDE_INTERVAL, {})[beyond] = estimate.width(name, budget)
     for estimate in predicted:
         if estimate.verdict.name == WIDE:
             half = estimate.budget.half_width()
-            beyond = Beyond(estimate.name, half, estimate.needed, "above", WIDE_INTERVAL)
+            beyond = Beyond(estimate.name, half, estimate.needed, WIDE_INTERVAL, "above")
             text = estimate.width(estimate.name, estimate.budget)
             remarks.setdefault(WIDE_INTERVAL, {})[beyond] = text
     return [
@@ -350,7 +352,7 @@ def small_faults_of(estimates: Sequence[Judged]) -> list[Finding]:
             probability = sum(row.probability for row in rows)
             size = max(row.size for row in rows)
             if probability > LIKELY and size > half:
-                beyond = Beyond(estimate.name, size, half, "above", source, probability=probability)
+                beyond = Beyond(estimate.name, size, half, source, "above", probability=probability)
                 detail = f" ({rows[0].detail})" if rows[0].detail else ""
                 remarks.setdefault(source, {})[beyond] = estimate.moved(size) + detail
     return [
@@ -359,22 +361,20 @@ def small_faults_of(estimates: Sequence[Judged]) -> list[Finding]:
     ]
 
 
-def of_estimates(name: str, grade: Grade, evidence: Sequence[Beyond], size: str) -> Finding:
+def of_estimates(source: Source, grade: Grade, evidence: Sequence[Beyond], size: str) -> Finding:
     """A finding about the estimates of its evidence alone."""
     estimates = tuple(number.column for number in evidence)
-    return Finding(
-        Source(name), grade=grade, evidence=tuple(evidence), estimates=estimates, size=size
-    )
+    return Finding(source, grade=grade, evidence=tuple(evidence), estimates=estimates, size=size)
 
 
 def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
     """What nobody has measured, with what it would change per unit."""
-    sizes: dict[str, list[str]] = {}
+    sizes: dict[Source, list[str]] = {}
     for estimate in estimates:
         for each in estimate.budget.unknown:
             texts = [f"{estimate.name} {each.per}"] if each.per else []
             sizes.setdefault(each.source, []).extend(texts)
     return [
-        Finding(Source(source), grade=Grade.UNCHECKED, size=", ".join(texts))
+        Finding(source, grade=Grade.UNCHECKED, size=", ".join(texts))
         for source, texts in sizes.items()
     ]

@@ -49,7 +49,7 @@ class KnownFinding:
         What could not be checked, and what to do about it.
     """
 
-    name: str
+    name: Source
     title: str
     says: Texts
     remedy: Texts = ""
@@ -85,7 +85,7 @@ WORDS_OF_RULES = {name: WordsOfRule(**texts) for name, texts in CONTENT["rules"]
 MEANINGS_OF_CHECKS: Mapping[str, str] = CONTENT["checks"]
 
 
-def known_finding(name: str) -> KnownFinding:
-    """A source with its words. A column with a limit in the configuration and no rule of its own
-    has its name as title, and no words."""
-    return FINDINGS.get(name) or KnownFinding(name, title=name, says="")
+def known_finding(source: str) -> KnownFinding:
+    """A finding with its words, by the value of its source. A source of intervals alone has its
+    name as title, and no words."""
+    return FINDINGS.get(source) or KnownFinding(Source(source), title=source, says="")

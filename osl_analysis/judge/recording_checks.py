@@ -23,6 +23,7 @@ from osl_analysis.dictionary.described import table_of
 from osl_analysis.ingest.quality import CheckResult
 from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.known_findings import FINDINGS
+from osl_analysis.stats.sources import Source
 
 
 class QualityRules(Settings):
@@ -64,9 +65,9 @@ def unknown_check(name: str) -> str:
     )
 
 
-def spoiled_trials(verdicts: pl.DataFrame) -> dict[str, str]:
+def spoiled_trials(verdicts: pl.DataFrame) -> dict[str, Source]:
     """By trial, the source of its first failed check that spoils all estimates."""
-    spoiled: dict[str, str] = {}
+    spoiled: dict[str, Source] = {}
     failed = verdicts.filter(pl.col("verdict").is_in(["flag", "exclude"]))
     for trial, check in failed.select("trial", "check").iter_rows():
         finding = CHECKS[check].source

@@ -858,10 +858,10 @@ class Beyond:
     column: str
     value: float  # in the unit of the column
     limit: float
+    source: Source  # that it is evidence of
     # above or below the limit, near a factor between units, or nan; `findings.csv` has no column
     # for it
     side: str = ""
-    finding: str = ""  # the source that it is evidence of
     unit: str = ""  # the factor between units that it may be, in words
     rule: NumberRule | None = field(default=None, compare=False)  # whose words describe it
     probability: float | None = None  # of a fault that a budget weighs
@@ -919,7 +919,7 @@ def numbers_beyond(row: AnyRow, rules: Iterable[NumberRule]) -> Numbers:
             continue
         limit = low if side == "below" or math.isinf(high) else high
         source = Source.WRONG_UNIT if is_unit else rule.source
-        numbers[column] = Beyond(column, value, limit, side, source, unit, rule)
+        numbers[column] = Beyond(column, value, limit, source, side, unit, rule)
     return numbers
 
 

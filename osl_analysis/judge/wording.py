@@ -42,7 +42,7 @@ def size_text(finding: Finding, row: AnyRow) -> str:
     details = [
         filled(number.rule.says, cells_of(row, number))
         for number in finding.evidence
-        if number.rule and number.finding == finding.source
+        if number.rule and number.source == finding.source
     ]
     first, *further = [*dict.fromkeys(filter(None, details)), ""]
     return ". ".join(filter(None, [first, *map(capital, further)]))
@@ -133,7 +133,7 @@ def cell_text(findings: Iterable[Finding]) -> str | None:
 
 def verdict_texts(findings: Sequence[Finding]) -> dict[str, str]:
     """The verdicts on K, B and I in words: clear, wide, or the cause of the first doubt."""
-    verdicts = dict.fromkeys(QUANTITIES, CLEAR)
+    verdicts: dict[str, str] = dict.fromkeys(QUANTITIES, CLEAR)
     for symbol in QUANTITIES:
         about = [
             finding for finding in findings if not finding.estimates or symbol in finding.estimates

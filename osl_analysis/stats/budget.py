@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from statistics import NormalDist
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import scipy
@@ -61,7 +61,9 @@ SOURCES_OF_ONE_TRIAL = (
 
 DOUBT = 0.2  # probability of a change beyond the limit, from which an estimate is doubtful
 LIKELY = 0.5  # probability above which a fault is named; more likely than not
-CLEAR, WIDE = "clear", "wide"  # verdicts; any other is the cause of a doubt
+# verdicts on an estimate that is not doubtful
+CLEAR: Final = "clear"
+WIDE: Final = "wide"  # its interval is wider than is needed
 # sizes that are added in quadrature to K, B, I before a share is taken: 0 has no relative change
 # [N*m/rad, N*m*s/rad, kg*m^2]
 FLOOR = {"K": 2.0, "B": 0.1, "I": 1e-3}
@@ -134,7 +136,7 @@ def unknown(source: Source, unit: str = "", **changes: float) -> dict[str, Contr
 class Verdict:
     """The verdict of a budget on its estimate."""
 
-    name: str  # `CLEAR`, `WIDE`, or the source of the doubt
+    name: Source | Literal["clear", "wide"]  # the source of the doubt, else `CLEAR` or `WIDE`
     limit: float  # beyond which a change matters, in the unit of the estimate
     rows: tuple[Contribution, ...] = ()  # of the source, the most probable first
 
@@ -142,6 +144,11 @@ class Verdict:
     def size(self) -> float:
         """The largest plausible change by the source."""
         return max((row.size for row in self.rows), default=0.0)
+
+    @property
+    def doubt(self) -> Source | None:
+        """The source of the doubt; None without one."""
+        return self.name if isinstance(self.name, Source) else None
 
 
 @dataclass(frozen=True)

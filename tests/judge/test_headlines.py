@@ -67,7 +67,9 @@ def test_a_named_cause_stands_before_torque_that_nothing_explains():
     ],
 )
 def test_a_number_is_as_far_beyond_its_limit_below_it_as_above_it(value, limit, side, excess):
-    assert Beyond("VAF", value, limit, side).excess == pytest.approx(excess)
+    number = Beyond("VAF", value, limit, Source.UNEXPLAINED_TORQUE, side)
+
+    assert number.excess == pytest.approx(excess)
 
 
 def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
@@ -138,13 +140,14 @@ def test_what_a_run_refused_before_its_own_verdict_is_no_later_failure(tmp_path)
 
 
 def test_a_finding_that_is_written_is_read_as_it_was_made(tmp_path):
+    late = Source.LATE_TORQUE
     findings = [
         Finding(
-            source="late_torque",
+            source=late,
             table="impedance",
             subject="t",
             grade=Grade.DOUBTS,
-            evidence=(Beyond("B", 0.3, 0.1, probability=0.9), Beyond("I", 0.1, 0.05)),
+            evidence=(Beyond("B", 0.3, 0.1, late, probability=0.9), Beyond("I", 0.1, 0.05, late)),
             amplitude_deg=4.0,
             estimates=("B", "I"),
             joint="ankle",
@@ -163,7 +166,7 @@ def test_a_finding_that_is_written_is_read_as_it_was_made(tmp_path):
 
 
 def friction(trial, share):
-    evidence = (Beyond("B", share, 0.05, "above"),)
+    evidence = (Beyond("B", share, 0.05, Source.FRICTION, "above"),)
     return Finding("friction", "impedance", trial, evidence=evidence, size=f"that of {trial}")
 
 

@@ -7,6 +7,7 @@ import pytest
 from conftest import refused_with, white_noise
 from scipy.signal import lfilter
 
+from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Trial
 from osl_analysis.bench.plausibility import computed_torque
 from osl_analysis.ingest.guard import check_own_torque
@@ -105,3 +106,77 @@ def test_a_torque_that_is_called_so_is_not_measured_until_it_is_stated(stated, t
 def trial_of(torque, current=CURRENT):
     columns = {"time": TIME, "theta": ANGLE, "current": current, "omega_m": SPEED, "torque": torque}
     return Trial("a", pl.DataFrame(columns))
+
+
+# Where the limits stand. Noise is a 95 % quantile of the torque's standard deviation.
+
+ALIKE = 1.96  # standard deviations of normal noise, within which 95 % lie
+OTHER_NOISE = white_noise(TIME.size, 6)
+
+
+def angle_trial(torque):
+    """A trial with an angle and a torque of its first rows."""
+    rows = len(torque)
+    return Trial("a", pl.DataFrame({"time": TIME[:rows], "theta": ANGLE[:rows], "torque": torque}))
+
+
+def current_trial(torque, current):
+    return Trial("a", pl.DataFrame({"time": TIME, "current": current, "torque": torque}))
+
+
+def with_noise(torque, share, noise=NOISE):
+    """A torque with noise, of which a share of the torque's scatter is exceeded in 5 % of rows."""
+    return torque + share / ALIKE * np.std(torque) * noise
+
+
+def is_refused(trial):
+    try:
+        check_own_torque(trial)
+    except InputError:
+        return True
+    return False
+
+
+@pytest.mark.parametrize(("share", "refused"), [(5e-4, True), (7e-4, False)])
+def test_a_load_cell_leaves_more_than_6_parts_in_10_000_of_an_angle_s_formula(share, refused):
+    """In sums of three rows, the samples of 16 ms at 200 Hz."""
+    torque = with_noise(150 * ANGLE, share * np.sqrt(3))
+
+    assert is_refused(angle_trial(torque)) == refused
+
+
+@pytest.mark.parametrize(("share", "refused"), [(1.5e-3, True), (3e-3, False)])
+def test_a_load_cell_leaves_more_than_2_parts_in_1000_of_a_current_with_its_arm(share, refused):
+    torque = with_noise(4 * CURRENT * (1 + 0.8 * ANGLE), share)
+
+    assert is_refused(trial_of(torque)) == refused
+
+
+@pytest.mark.parametrize(("of_sensor", "refused"), [(0.1, True), (0.22, False)])
+def test_a_load_cell_has_more_noise_than_a_third_of_that_of_the_current(of_sensor, refused):
+    """Of noise in the current, the torque that a program computes from it has the same."""
+    scatter = 0.02 * CURRENT.std()
+    current = CURRENT + scatter * NOISE
+    torque = 4 * current + 4 * of_sensor * scatter * OTHER_NOISE
+
+    assert is_refused(trial_of(torque, current)) == refused
+
+
+@pytest.mark.parametrize(("share", "refused"), [(3e-5, True), (7e-5, False)])
+def test_a_load_cell_leaves_more_than_a_tenth_of_its_noise_of_a_filtered_current(share, refused):
+    current = CURRENT + 0.2 * NOISE
+    torque = with_noise(lfilter([0.1], [1, -0.9], 4 * current), share, OTHER_NOISE)
+
+    assert is_refused(current_trial(torque, current)) == refused
+
+
+@pytest.mark.parametrize(("rows", "refused"), [(98, False), (150, True)])
+def test_a_hundred_rows_tell_a_computed_torque(rows, refused):
+    assert is_refused(angle_trial(150 * ANGLE[:rows])) == refused
+
+
+@pytest.mark.parametrize(("power", "refused"), [(5, True), (7, False)])
+def test_a_spring_that_stiffens_with_more_than_the_fifth_power_is_no_formula(power, refused):
+    stiffening = (ANGLE / 0.1) ** power
+
+    assert is_refused(angle_trial(15 * ANGLE + 7 * stiffening)) == refused

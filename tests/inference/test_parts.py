@@ -9,6 +9,7 @@ import scipy
 import statsmodels.api as sm
 from conftest import refused_with, white_noise
 
+from osl_analysis.base.measured import rms
 from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.candidate_models import (
     CANDIDATE_MODELS,
@@ -19,7 +20,7 @@ from osl_analysis.inference.candidate_models import (
     late,
     low_passed,
 )
-from osl_analysis.inference.rounding_errors import repeated_share
+from osl_analysis.inference.rounding_errors import repeated_share, rounding_torques
 from osl_analysis.inference.spectra import (
     WorkingSpectra,
     noise_and_band,
@@ -262,6 +263,19 @@ def test_rounding_is_no_unexplained_torque_even_where_the_motion_takes_it_up():
 
     assert (shifts(0 * rounding) > 0).all()
     assert (shifts(rounding) == 0).all()
+
+
+def test_errors_of_rounding_average_out_over_the_zeros_that_are_drawn():
+    """Of a motion of some steps. As many independent draws would leave 1/sqrt(12)."""
+    motion = random_motion()
+    step = float(np.std(motion[0]))
+    theta = np.round(motion[0] / step) * step
+    signals = BenchSignals(theta, TRUE @ motion + white(), RATE, encoder_step=step)
+
+    torques = rounding_torques(Whitened(WorkingSpectra(signals)), TRUE)
+
+    assert len(torques) == 12
+    assert rms(torques.mean(axis=0)) < 0.5 / np.sqrt(12) * rms(torques)
 
 
 def test_signals_that_are_too_short_are_refused():

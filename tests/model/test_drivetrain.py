@@ -9,6 +9,7 @@ from conftest import refused_with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from shipped import CONFIG
 from shipped import LEG as P
 
 from osl_analysis.base.errors import UnreachableImpedanceError
@@ -236,6 +237,15 @@ def test_slow_motion_loses_no_energy_up_to_the_delay_of_its_damping(K_d, B_d):
 
     expected = (P.B_m + gains.B_1 + of_joint) / gains.K_1
     assert delay == pytest.approx(expected, abs=1.1e-4)
+
+
+def test_energy_is_asked_for_up_to_twice_the_fastest_sine_of_the_protocol():
+    gains = compensator.compensated_gains(300.0, 5.0, P)
+    fastest_hz = max(CONFIG.dynamometer.frequencies_hz)
+
+    delay = passive_delay(gains.K_1, gains.B_1, P)
+
+    assert delay == passive_delay(gains.K_1, gains.B_1, P, highest_hz=2 * fastest_hz)
 
 
 def test_the_delay_margin_is_where_a_pole_reaches_the_axis():

@@ -19,6 +19,7 @@ from osl_analysis.base.trial import Trial
 from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import dynamic_stiffness, linear_torque
 from osl_analysis.signals.grid import TimeBase
@@ -337,6 +338,12 @@ def test_rounding_of_a_creep_to_two_levels_is_in_the_interval_of_K():
 def test_a_weight_above_its_axis_and_a_mass_behind_a_spring_are_fitted(joint):
     """Above its resonance K of Eq. 15 is negative, and B positive."""
     assert row_of(moved(multisine, 2, **joint))["K"] == pytest.approx(joint["K"], rel=1e-2)
+
+
+def test_a_negative_stiffness_is_refused_where_its_interval_excludes_zero():
+    check_resists("made", "K", -0.1, high=0.1)
+    with refused_with("drives the motion"):
+        check_resists("made", "K", -0.1, high=-0.05)
 
 
 def test_rounding_of_a_small_stepped_sine_is_in_the_interval_of_K():

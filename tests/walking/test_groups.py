@@ -328,6 +328,18 @@ def test_a_difference_counts_where_half_of_a_kind_of_crossings_have_it():
     assert set_up_difference(rows) == ("corners", 25.0)
 
 
+def test_a_difference_that_most_crossings_of_a_kind_do_not_have_is_none():
+    rows = pl.DataFrame(
+        {
+            "perturbed": [False] * 3,
+            "different": ["a marker", "corners", "ankle"],
+            "different_mm": [40.0, 20.0, 90.0],
+        }
+    )
+
+    assert set_up_difference(rows) == (None, None)
+
+
 @pytest.mark.parametrize(("beside_m", "outside_m"), [(0.0, 0.0), (0.05, 0.0), (0.13, 0.03)])
 def test_the_pressure_is_outside_as_far_as_it_is_from_the_foot(beside_m, outside_m):
     """A foot of 0.2 m that rests, and a centre of pressure to its left."""

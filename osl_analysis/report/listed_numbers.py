@@ -180,7 +180,8 @@ def is_headline(response: pl.DataFrame) -> pl.Series:
 
 def is_delay_to_state(delay: pl.DataFrame) -> pl.Series:
     """The first trial of those that agree on a delay, which all have it."""
-    return delay["to_state"].is_not_null() & (delay["trial"] == delay["trial"].min())
+    is_first = delay.select(pl.col("trial") == pl.col("trial").min())["trial"]
+    return delay["to_state"].is_not_null() & is_first
 
 
 def is_certain_without_agreement(delay: pl.DataFrame) -> pl.Series:

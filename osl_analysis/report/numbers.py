@@ -138,9 +138,11 @@ def headline_numbers(
 def parts(entry: ListedNumber, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
     """The rows of each number of an entry, and the columns in which they agree.
 
-    The rows have `number`, `number_low` and `number_high`. There are none where the table lacks a
-    column of the entry.
+    The rows have `number`, `number_low` and `number_high`. There are none where the table is empty,
+    whose columns have no types, or lacks a column of the entry.
     """
+    if table.is_empty():
+        return []
     try:
         rows = table.with_columns(left_out=is_doubtful(table, entry.columns))
         rows = rows.filter(entry.rows(rows))

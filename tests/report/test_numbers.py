@@ -12,6 +12,7 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.commands.tables import write_paper_table
+from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.figures import fig6
 from osl_analysis.judge.campaign import CampaignFinding
 from osl_analysis.judge.findings import Finding
@@ -415,3 +416,14 @@ def test_a_frequency_is_nearer_where_it_is_below_the_best_sound_one_without_comp
     nearer = is_nearer_to_Z_d(response)
 
     assert nearer.to_list() == [True, False, False, None, *[None] * 5]
+
+
+@pytest.mark.parametrize("entry", LISTED_NUMBERS, ids=lambda entry: entry.name)
+def test_a_table_without_rows_gives_no_number_and_no_error(entry):
+    described = described_tables_by_name()[entry.table]
+    columns = [*described.columns, *described.of_fits]
+    empty = pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
+
+    numbers = list(headline_numbers({entry.table: empty}))
+
+    assert numbers == []

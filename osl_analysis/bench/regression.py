@@ -11,8 +11,8 @@ not seen, and each effect, which is one more column beside the model's.
   seconds of a motion that does not repeat itself.
 * A *label* is what has a fit of its own: 5 deg. None stands for the whole recording.
 
-Each estimate is that of least squares, whatever the motion. Its interval is that of
-the same motion again, with other noise.
+Each estimate is that of least squares, whatever the motion. Its interval is that of the same
+motion, started alike, again where groups repeat, else of noise and misfit of this recording.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -413,7 +413,7 @@ def sums_of(record: Record, expected: Stiffness | None = None, width: float = SI
 
 
 def least_squares(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearFit:
-    """Fit the torque by least squares (Eq. 15), with the interval of the same motion again. Each
+    """Fit the torque by least squares (Eq. 15), with the interval of repeats or of blocks. Each
     part of a period counts once, however often it was recorded: K, B and I of a leg are those of
     whole periods.
 

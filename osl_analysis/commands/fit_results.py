@@ -26,14 +26,9 @@ from osl_analysis.judge.joining import findings_of_rows
 from osl_analysis.judge.judging import budgets_of_rows
 from osl_analysis.judge.rules import Grade
 from osl_analysis.judge.wording import finding_text, verdict_texts
-from osl_analysis.stats.budget import IN_INTERVAL, Budget
-from osl_analysis.stats.rounding import (
-    decimal_places,
-    estimate_text,
-    significant,
-    to_places,
-    written,
-)
+from osl_analysis.stats.budget import CLEAR, IN_INTERVAL, WIDE, Budget
+from osl_analysis.stats.promises import RANGE_PROMISE, promise_texts
+from osl_analysis.stats.rounding import estimate_text, printed_range, significant, written
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure
@@ -152,8 +147,8 @@ def finding_json(finding: Finding) -> dict[str, Any]:
 def estimates_text(
     estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]], budget: pl.DataFrame | None
 ) -> str:
-    """The estimates as text: a line per fit and quantity, with 95 % interval, its parts and the
-    verdict, and the doubts about each row."""
+    """The estimates as text: a line per fit and quantity, with its verdict, 95 % interval and
+    parts, the doubts about each row, and what an interval promises."""
     lines = []
     rows = estimates.to_dicts()
     of_fits = [each for each in chain(*findings) if each.table != QUALITY]
@@ -169,24 +164,27 @@ def estimates_text(
         quality = f"VAF {written(row['VAF'], unit='%')} %" if "VAF" in row else "no VAF"
         lines.append(f"{row['trial']}, {fitted_motion(row)}: {quality}")
         for name in estimated(row):
-            line = estimate_line(row, name)
-            parts = parts_text(budgets[name]) if name in budgets else ""
             verdict = verdicts[name] if f"{name}_verdict" in row else ""
-            lines.append(": ".join(filter(None, [line, verdict, parts])))
+            lines.append(estimate_line(row, name, verdict))
+            parts = parts_text(budgets[name]) if name in budgets else ""
+            if parts:
+                lines.append(f"{'':<21}of which {parts}")
         for finding in of_row:
             if finding.grade in (Grade.EXCLUDES, Grade.DOUBTS):
                 lines.append(f"  doubtful: {finding_text(finding)}")
-    lines.append("in brackets: the 95 % interval; behind it, what its parts alone would make")
+    lines.append("in brackets: the 95 % interval; of which: what its parts alone would make")
+    promises = promise_texts(row.get("interval_method") for row in rows)
+    lines += [f"interval by {promise}" for promise in promises]
+    if any(row.get("K_range_low") is not None for row in rows):
+        lines.append(f"range: {RANGE_PROMISE}")
     return "\n".join(lines)
 
 
 def parts_text(budget: Budget) -> str:
-    """The half-widths of the parts of an interval, and the range over motions beside it."""
+    """The half-widths of the parts of an interval; empty of a single part, which makes all."""
     widths = {part: budget.half_width(part) for part in IN_INTERVAL}
     texts = [f"{part} {significant(width)}" for part, width in widths.items() if width]
-    if budget.half_range:
-        texts.append(f"other motion {significant(budget.half_range)}")
-    return ", ".join(texts)
+    return ", ".join(texts) if len(texts) > 1 else ""
 
 
 def fitted_motion(row: Mapping[str, Any]) -> str:
@@ -206,14 +204,17 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
     )
 
 
-def estimate_line(row: Mapping[str, Any], name: str) -> str:
-    """One estimate with its interval, and its range over amplitudes and parts of the band."""
-    line = f"  {name:<18} {estimate_text(row, name):<30} {printed_units().get(name, '')}"
+def estimate_line(row: Mapping[str, Any], name: str, verdict: str = "") -> str:
+    """One estimate: its verdict, its interval, and its range over amplitudes and parts of the
+    band."""
+    judged = ""
+    if verdict:
+        judged = f"{verdict}: " if verdict in (CLEAR, WIDE) else f"doubtful, {verdict}: "
+    unit = printed_units().get(name, "")
+    line = f"  {name:<18} {judged}{estimate_text(row, name)} {unit}".rstrip()
     lowest = row.get(f"{name}_range_low")
     if lowest is not None:
-        places = decimal_places(row[name], row[f"{name}_low"], row[f"{name}_high"])
-        ends = " to ".join(to_places(places, lowest, row[f"{name}_range_high"]))
-        line += f", {ends} over amplitudes and parts of the band"
+        line += f", range {printed_range(lowest, row[f'{name}_range_high'], row[name])}"
     return line
 
 

@@ -60,7 +60,7 @@ from osl_analysis.report.numbers import (
     to_json,
 )
 from osl_analysis.report.paper_tables import (
-    DAGGER,
+    HALF_WIDTH_OF_MEAN,
     WIDTHS,
     component_rows,
     condition_rows,
@@ -68,6 +68,8 @@ from osl_analysis.report.paper_tables import (
     groups,
     interval_rows,
     markdown_for_paper,
+    notes_on_conditions,
+    notes_on_groups,
     tex_for_paper,
 )
 from osl_analysis.report.typography import aligned, markdown_table
@@ -349,15 +351,18 @@ def write_paper_table(
     file, with the draft's values if `beside_draft`. Doubtful estimates, by the `findings` on the
     rows, are marked and in no mean."""
     read = read_joined(tables, read_findings(findings))
-    note = DAGGER
     if "budget" in read:
-        note = WIDTHS
+        notes = [WIDTHS]
         means = [table for name, table in read.items() if name.endswith("_summary")]
         rows = interval_rows(read["budget"], read.get("impedance", pl.DataFrame()), means)
     elif "impedance" in read:
-        rows = condition_rows(conditions(read["impedance"]))
+        of_conditions = conditions(read["impedance"])
+        rows = condition_rows(of_conditions)
+        notes = notes_on_conditions(of_conditions)
     elif "walking_summary" in read:
-        rows = condition_rows(list(groups(read["walking_summary"])))
+        of_groups = list(groups(read["walking_summary"]))
+        rows = condition_rows(of_groups)
+        notes = notes_on_groups(of_groups)
     else:
         known = known_parameters(parameters, [])
         stated = {} if known is None else asdict(known)
@@ -367,9 +372,10 @@ def write_paper_table(
             shares = pl.col("mean", "low", "high") / stated["n_m"]
             read["k_tau"] = product.with_columns(shares, quantity=pl.lit("k_tau"))
         rows = component_rows(read, stated, beside_draft)
-    made_of = f"{sentence(about)}. {note}"
-    write_text(tex, tex_for_paper(rows, made_of))
-    write_text(markdown, markdown_for_paper(rows, made_of))
+        notes = [HALF_WIDTH_OF_MEAN]
+    made_of = sentence(about)
+    write_text(tex, tex_for_paper(rows, made_of, notes))
+    write_text(markdown, markdown_for_paper(rows, made_of, notes))
 
 
 FITTED_ON_BENCH = {facts.tables[0].name for facts in EXPERIMENTS.values() if facts.place == "bench"}

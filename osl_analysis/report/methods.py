@@ -25,6 +25,7 @@ from osl_analysis.report.typography import (
     value_text,
 )
 from osl_analysis.report.verdicts import causes_not_checked
+from osl_analysis.stats.promises import PROMISES, RANGE_PROMISE
 
 BIBTEX = (
     Path(__file__)
@@ -46,6 +47,7 @@ class MethodsFacts:
     sheet: Sequence[Mapping[str, Any]]  # rows of the trials
     summary: Mapping[str, Any]
     rates_hz: Mapping[str, str]  # of markers and force plate
+    range_promise = RANGE_PROMISE
 
     def listed(self, table: str, column: str) -> str:
         """The values of a column as `1, 2 and 3`; empty where there are none."""
@@ -64,6 +66,16 @@ class MethodsFacts:
         streams = self.tables.get("timebase", pl.DataFrame(schema=["signals", "delay_s"]))
         late = streams.filter(pl.col("delay_s") != 0).select("signals", "delay_s").unique()
         return late.sort(pl.all()).rows()
+
+    @property
+    def promises(self) -> Mapping[str, str]:
+        """What the intervals of the joint's fits promise, by method."""
+        of_joint = [self.tables.get(name, pl.DataFrame()) for name in ("impedance", "transmission")]
+        methods: set[str] = set()
+        for fits in of_joint:
+            if "interval_method" in fits.columns:
+                methods.update(fits["interval_method"].drop_nulls())
+        return {name: promise for name, promise in PROMISES.items() if name in methods}
 
     @property
     def findings(self) -> Sequence[CampaignFinding]:

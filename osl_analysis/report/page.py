@@ -22,12 +22,13 @@ from osl_analysis.judge.joining import WIDE_ESTIMATES
 from osl_analysis.judge.judging import budgets_of_rows
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.judge.rules import Grade
-from osl_analysis.report.paper_tables import sheet_text
+from osl_analysis.report.paper_tables import notes_on_conditions, sheet_text
 from osl_analysis.report.trial_signals import Signals
 from osl_analysis.report.typography import printed, template
 from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
 from osl_analysis.stats.budget import CLEAR, IN_INTERVAL, QUANTITIES, WIDE
 from osl_analysis.stats.doubts import DOUBTS, doubts_about
+from osl_analysis.stats.promises import promise_texts
 from osl_analysis.stats.rounding import estimate_text
 
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
@@ -74,6 +75,7 @@ def written_page(page: Mapping[str, Any]) -> str:
         page=page,
         experiments=EXPERIMENTS,
         estimate_text=estimate_text,
+        notes_on_conditions=notes_on_conditions,
         signals=signals,
         plots=plots.plots(),
         library=Markup(plots.library()),
@@ -123,8 +125,8 @@ def trial_view(
         `doubts` are about the recording or the fit to the whole trial, `doubts_of_parts` about
         single amplitudes. `results` say why the device is not of second order. `remarks` are other
         findings and checks that were not possible. `impedance` has K, B and I of the fit to the
-        whole trial, `budgets` the parts of their intervals. `fits` are the rows of all fits, with
-        their `units`.
+        whole trial, `budgets` the parts of their intervals, and `promises` what these hold. `fits`
+        are the rows of all fits, with their `units`.
     """
     facts = EXPERIMENTS[row["experiment"]]
     main = facts.tables[0].name if facts.tables else ""
@@ -158,6 +160,7 @@ def trial_view(
         "fits": fits.to_dicts(),
         "units": {name: described[main].columns[name].unit for name in estimated},
         "budgets": shown_budgets(last, tables.get("budget")),
+        "promises": promise_texts([last.get("interval_method")]),
         "checks": tables["quality"].to_dicts() if "quality" in tables else (),
         "signals": signals,
     }

@@ -7,7 +7,7 @@ Example: `written(300.123, 298.71, 301.55)` is `300.1 (298.7 to 301.6)`.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, Context
+from decimal import ROUND_CEILING, Context, Decimal
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,12 @@ def to_places(places: int, *numbers: float | None) -> list[str]:
     return ["" if number is None else f"{number:z.{places}f}" for number in numbers]
 
 
+def raised_to(places: int, size: float) -> str:
+    """A size rounded up to so many decimal places. What differs in the tenth digit is rounding."""
+    step = Decimal(1).scaleb(-places)
+    return f"{Decimal(significant(size, 9)).quantize(step, ROUND_CEILING):f}"
+
+
 NOTHING = "–"
 
 
@@ -63,36 +69,94 @@ def plus_minus(places: int, value: float, low: float | None, high: float | None)
     It has both ends in place of the half-width where it is not in their middle, and stands alone
     without an interval.
     """
-    if low is None or high is None:
-        return f"{value:z.{places}f}"
-    half = (high - low) / 2
-    if abs(value - low - half) > 10**-places:
-        return "{} ({} to {})".format(*to_places(places, value, low, high))
-    return f"{value:z.{places}f} ± {half:.{places}f}"
+    return rounded_to(places, value, low, high).short
 
 
 @dataclass(frozen=True)
 class PrintedNumber:
     """A number with its interval as readers see it, or a dash for none."""
 
-    text: str  # with both ends of the interval: `300.1 (298.7 to 301.6)`
-    short: str  # where there is less room: `300.1 ± 1.4`
+    value: str
+    half_width: str = ""  # of its interval; empty where the number is not in its middle
+    ends: tuple[str, str] | None = None  # of its interval, where the digits show them
+    mark: str = ""  # † of a doubtful number
+
+    @property
+    def text(self) -> str:
+        """With both ends of the interval: `300.1 (298.7 to 301.6)`."""
+        if self.ends is None:
+            return self.short
+        low, high = self.ends
+        return f"{self.value} ({low} to {high}){self.mark}"
+
+    @property
+    def short(self) -> str:
+        """Where there is less room: `300.1 ± 1.4`."""
+        if self.half_width:
+            return f"{self.value} ± {self.half_width}{self.mark}"
+        return f"{self.value}{self.mark}" if self.ends is None else self.text
 
     def __str__(self) -> str:
         return self.text
 
 
+@dataclass(frozen=True)
+class PrintedRange:
+    """The ends of a range as readers see them."""
+
+    low: str
+    high: str
+
+    def __str__(self) -> str:
+        return f"{self.low} to {self.high}"
+
+
 def printed_number(
-    value: float | None, low: float | None = None, high: float | None = None, unit: str = ""
+    value: float | None,
+    low: float | None = None,
+    high: float | None = None,
+    unit: str = "",
+    half_range: float = 0.0,
 ) -> PrintedNumber:
-    """A number and its interval, both rounded as the interval allows."""
+    """A number and its interval, both rounded as the interval allows.
+
+    Where half of its range over the motion is larger than half of its interval, the range decides
+    on the digits, and the half-width is rounded up (JCGM 100:2008, 7.2.6): 296.744 ± 0.0073 with a
+    range from 294 to 297 is `296.7 ± 0.1`.
+    """
     if value is None:
-        return PrintedNumber(NOTHING, NOTHING)
-    places = decimal_places(value, low, high, unit)
-    short = plus_minus(places, value, low, high)
+        return PrintedNumber(NOTHING)
+    half_width = 0.0 if low is None or high is None else (high - low) / 2
+    if half_range > half_width:
+        places = places_of(half_range, 2)
+        half_text = raised_to(places, half_width) if half_width else ""
+        return PrintedNumber(to_places(places, value)[0], half_text)
+    return rounded_to(decimal_places(value, low, high, unit), value, low, high)
+
+
+def rounded_to(places: int, value: float, low: float | None, high: float | None) -> PrintedNumber:
+    """A number and its interval with so many decimal places."""
+    text = f"{value:z.{places}f}"
     if low is None or high is None:
-        return PrintedNumber(short, short)
-    return PrintedNumber("{} ({} to {})".format(*to_places(places, value, low, high)), short)
+        return PrintedNumber(text)
+    low_text, high_text = to_places(places, low, high)
+    half_width = (high - low) / 2
+    is_in_middle = abs(value - low - half_width) <= 10**-places
+    half_text = f"{half_width:.{places}f}" if is_in_middle else ""
+    return PrintedNumber(text, half_text, (low_text, high_text))
+
+
+def printed_range(low: float, high: float, value: float) -> PrintedRange:
+    """A range with one digit of its half, or with two where its ends would exclude the value that
+    it is of."""
+    half_range = (high - low) / 2
+    if half_range == 0:
+        places = decimal_places(value)
+        return PrintedRange(*to_places(places, low, high))
+    places = places_of(half_range, 1)
+    if not round(low, places) <= value <= round(high, places):
+        places = places_of(half_range, 2)
+    return PrintedRange(*to_places(places, low, high))
 
 
 def written(

@@ -86,7 +86,7 @@ def test_fit_prints_the_impedance_of_linear_theory_and_draws_it(folder, tmp_path
     *_, whole = json.loads(call("fit", *arguments[:3], "--json").stdout)
 
     assert result.exit_code == 0, result.stderr
-    assert re.search(r"K +\d{3}[.\d]* \([.\d]+.*[.\d]+\) +N·m/rad", result.stdout)
+    assert re.search(r"K +clear: \d{3}[.\d]* \([.\d]+.*[.\d]+\) N·m/rad", result.stdout)
     assert (tmp_path / "fit.png").stat().st_size > 10_000
     assert whole["K"] == pytest.approx(299, rel=0.03)
     assert whole["B"] == pytest.approx(5.46, rel=0.15)

@@ -35,7 +35,7 @@ from osl_analysis.report.numbers import (
 from osl_analysis.report.paper_tables import condition_rows, conditions
 from osl_analysis.report.verdicts import answer, brief_lines
 from osl_analysis.stats.doubts import counted
-from osl_analysis.stats.rounding import printed_number, written
+from osl_analysis.stats.rounding import printed_number, printed_range, written
 from osl_analysis.stats.sources import Source
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded", "digest"), "x")
@@ -250,6 +250,78 @@ def test_a_condition_without_a_clear_trial_is_marked_and_has_no_numbers():
     assert [(row["B_d"], row["n"], row["K [N*m/rad]"]) for row in rows] == [("5†", "0", "–")] * 2
 
 
+RANGED = SOUND.with_columns(K_range_low=pl.col("K") - 2.8, K_range_high=pl.col("K") + 0.7)
+
+
+def test_the_range_decides_on_the_digits_where_it_is_wider_than_the_interval():
+    """K of a leg, 296.7443 ± 0.0073 with a range from 293.92 to 297.40."""
+    number = printed_number(296.7443, 296.7370, 296.7516, half_range=1.74)
+
+    assert (number.text, number.short) == ("296.7 ± 0.1", "296.7 ± 0.1")
+    assert str(printed_range(293.92, 297.40, 296.7443)) == "294 to 297"
+
+
+def test_a_range_never_excludes_the_number_that_it_is_of():
+    assert str(printed_range(98.6, 101.4, 101.4)) == "98.6 to 101.4"
+
+
+@pytest.mark.parametrize(
+    ("method", "promise"),
+    [
+        ("repeats", "repeats: the same motion, started alike, again"),
+        ("blocks", "blocks: noise and misfit of this recording"),
+    ],
+)
+def test_the_table_of_conditions_says_what_its_interval_promises(method, promise):
+    fits = RANGED.filter(trial="b").with_columns(interval_method=pl.lit(method))
+
+    notes = " ".join(paper_tables.notes_on_conditions(conditions(fits)))
+
+    assert promise in notes
+    assert "it holds two other motions of three" in notes
+    assert ("the same motion" in notes) == (method == "repeats")
+
+
+def test_a_condition_of_two_trials_has_the_interval_between_them():
+    single, mean_of_two = conditions(SOUND)
+
+    assert (single.interval_method, mean_of_two.interval_method) == ("repeats", "between trials")
+    heads, *rows = condition_rows([single, mean_of_two])
+    assert [row[heads.index("interval")] for row in rows] == ["repeats", "between trials"]
+    notes = " ".join(paper_tables.notes_on_conditions([single, mean_of_two]))
+    assert "between trials: the mean over n trials" in notes
+
+
+def test_a_condition_names_the_trial_that_is_in_no_mean_and_why():
+    late = Finding("late_torque", "impedance", "c", estimates=("B", "I"))
+
+    condition = conditions(joined(FITS, "impedance", [late]))[-1]
+
+    title = known_finding("late_torque").title
+    assert [str(trial) for trial in condition.left_out] == [f"c from B, I ({title})"]
+    assert f"in no mean: c from B, I ({title})" in paper_tables.notes_on_conditions([condition])
+
+
+def test_what_signs_mean_stands_below_the_rule_of_the_table_in_latex():
+    shown = conditions(RANGED)
+    notes = paper_tables.notes_on_conditions(shown)
+
+    tex = paper_tables.tex_for_paper(condition_rows(shown), "simulated", notes)
+
+    head, below = tex.split(r"\bottomrule")
+    assert r"$\pm$: half of the 95 \% interval" in below
+    assert "it holds two other motions of three" in below
+    assert r"\multicolumn{3}{c}{range}" in head
+
+
+def test_numbers_of_a_column_stand_on_the_decimal_point():
+    rows = [["K [N*m/rad]"], [printed_number(-2, -3, -1)], [printed_number(134.5, 134.2, 134.8)]]
+
+    tex = paper_tables.tex_for_paper(rows, "simulated")
+
+    assert r"{@{}S[table-format=-3.2]@{\,}c@{\,}S[table-format=1.2]@{}}" in tex
+
+
 def test_a_condition_shows_friction():
     findings = [
         Finding("fixture_inertia", "impedance", "b", Grade.UNCHECKED),
@@ -263,7 +335,7 @@ def test_a_condition_shows_friction():
 def test_latex_has_half_of_the_interval_and_escapes_what_users_write():
     rows = [["controller", "K"], ["PD_1 a (1 to 2)", printed_number(-2, -3, -1)]]
 
-    assert r"PD\_1 a (1 to 2) & $-$2.0 $\pm$ 1.0 \\" in paper_tables.tex_for_paper(
+    assert r"PD\_1 a (1 to 2) & -2.0 & $\pm$ & 1.0 \\" in paper_tables.tex_for_paper(
         rows, "simulated"
     )
 

@@ -218,7 +218,7 @@ rule settings_table:
 rule excluded_trials:
     """Every trial that is not used, and why."""
     input:
-        fitted=FILES.of_single_trials,
+        fitted=FILES.files_of_single_trials,
         tables=FILES.all_tables,
         verdicts=QUALITY,
     output:

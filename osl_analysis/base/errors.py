@@ -66,7 +66,7 @@ def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
 
 def likeliest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """A question with the known name that is most similar to an unknown one, or empty."""
-    folded = {shortened(one).casefold(): one for one in known}
+    folded = {shortened(known_name).casefold(): known_name for known_name in known}
     near = get_close_matches(shortened(name).casefold(), folded, n=1, cutoff=cutoff)
     return f"did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
 

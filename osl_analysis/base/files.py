@@ -121,7 +121,7 @@ ROOT = IN_PACKAGE if IN_PACKAGE.is_dir() else PACKAGE.parent
 
 
 @cache
-def own_yaml(path: Path) -> dict[str, Any]:
+def package_yaml(path: Path) -> dict[str, Any]:
     """A YAML file of this package, by the reader in C: every process reads them, a fifth of a
     second by the other."""
     import yaml
@@ -136,11 +136,11 @@ def shipped(path: Path | str) -> Path:
 
     If neither exists, the path itself: the message about the missing file then names it.
     """
-    own = Path(path)
+    local_path = Path(path)
     shipped_path = ROOT / path
-    if not own.exists() and shipped_path.exists():
+    if not local_path.exists() and shipped_path.exists():
         return shipped_path
-    return own
+    return local_path
 
 
 # the configuration in the folder of a campaign, as `osl-analysis init` writes it

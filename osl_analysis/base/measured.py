@@ -97,8 +97,8 @@ def noise_of(values: NDArray[np.float64], order: int = 3) -> float:
     slower motion hardly has; 0 of too few."""
     if len(values) <= order:
         return 0.0
-    of_white = math.sqrt(math.comb(2 * order, order)) * NORMAL_MEDIAN
-    return float(np.median(np.abs(np.diff(values, order)))) / of_white
+    white_noise_factor = math.sqrt(math.comb(2 * order, order)) * NORMAL_MEDIAN
+    return float(np.median(np.abs(np.diff(values, order)))) / white_noise_factor
 
 
 SPIKE_SHARE = 0.15  # least size of a spike, of the range of most values
@@ -131,8 +131,8 @@ def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     may_recur = is_alone | (np.abs(values - middle) > FAR_OFF * (highest - lowest))
     if not may_recur.any():
         return may_recur
-    found, counts = np.unique(values[may_recur], return_counts=True)
-    is_spoiled = is_alone | np.isin(values, found[counts >= FEWEST_RECURRING])
+    distinct_values, counts = np.unique(values[may_recur], return_counts=True)
+    is_spoiled = is_alone | np.isin(values, distinct_values[counts >= FEWEST_RECURRING])
     return is_spoiled & (is_spoiled.mean() <= MOST_SPOILED)
 
 

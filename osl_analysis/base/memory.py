@@ -118,8 +118,8 @@ def memory_limits() -> list[int]:
     if sys.platform == "linux":
         limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     with suppress(OSError):
-        own_group = Path("/proc/self/cgroup").read_text(encoding="utf-8").rpartition(":")[2]
-        group = Path("/sys/fs/cgroup", own_group.strip().lstrip("/"))
+        process_group = Path("/proc/self/cgroup").read_text(encoding="utf-8").rpartition(":")[2]
+        group = Path("/sys/fs/cgroup", process_group.strip().lstrip("/"))
         for folder in (group, *group.parents):
             with suppress(OSError, ValueError):  # there is none, or it is `max`
                 limits.append(int((folder / "memory.max").read_text(encoding="ascii")))

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.base.errors import InputError, listing, nearest, shortened
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.base.trial import Array
 
 SECOND_NS = 1_000_000_000
 EXPORTED = 0  # type of a plate whose force and moment were exported in the laboratory's axes
-MEASURED_BY_TYPE: Any = own_yaml(Path(__file__).with_name("plates.yaml"))
+MEASURED_BY_TYPE: Any = package_yaml(Path(__file__).with_name("plates.yaml"))
 """By type of plate, what its channels measure in SI units; those of types 4 and 5 when
 calibrated."""
 CALIBRATED_CHANNELS = {4: 6, 5: 8}
@@ -270,9 +270,9 @@ class Recording:
                 f"{noun or key} '{shortened(wanted)}' occurs {len(matches)} times",
                 f"{remedy} in the source file",
             )
-        found = matches[0] if matches else self.find_unlisted(address)
-        if found:
-            return found
+        channel = matches[0] if matches else self.find_unlisted(address)
+        if channel:
+            return channel
         missing = f"no {noun or ' '.join(address)} '{shortened(' '.join(address.values()))}'"
         if not similar:
             raise InputError(f"{missing}: the file has none", "export them too")

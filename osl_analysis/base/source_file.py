@@ -39,8 +39,8 @@ from osl_analysis.base.yaml_settings import (
     check_distinct,
     check_rising,
     field_line,
+    from_fraction,
     misplaced,
-    of_fraction,
 )
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
@@ -60,12 +60,12 @@ def stated_between(low: float, high: float, unit: str) -> AfterValidator:
     """The check that a number with its unit, as `2 ms`, lies between bounds [unit]."""
 
     def checked(text: str) -> str:
-        stated = quantity(text, unit)
-        if not low <= stated <= high:
-            other = "the other channels are late, state it there, without a sign, or "
+        value = quantity(text, unit)
+        if not low <= value <= high:
+            advice_on_delay = "the other channels are late, state it there, without a sign, or "
             raise ValueError(
-                f"{other if low == 0 > stated else ''}write {low:g} to {high:g} {unit}, and check"
-                " sign and unit"
+                f"{advice_on_delay if low == 0 > value else ''}write {low:g} to {high:g} {unit},"
+                " and check sign and unit"
             )
         return text
 
@@ -99,7 +99,7 @@ class Conversion(Settings):
     sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
     # Units per count, a number or products and quotients of numbers: 1/16384 with the unit rev for
     # an encoder of 14 bits.
-    scale: Annotated[PositiveFloat, BeforeValidator(of_fraction)] = 1.0
+    scale: Annotated[PositiveFloat, BeforeValidator(from_fraction)] = 1.0
     # Offset that is added to the raw numbers before the scale, in the raw unit.
     offset: float = 0.0
 
@@ -307,10 +307,12 @@ class Source(Settings):
                 except ValueError as error:
                     raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
             if isinstance(channel, Channel) and si_unit != LEVEL_UNIT:
-                other = column_of.setdefault(tuple(channel.address.values()), column)
-                if other != column:
+                earlier_column = column_of.setdefault(tuple(channel.address.values()), column)
+                if earlier_column != column:
                     raise misplaced(
-                        f"{channel.title} is {other} already; correct one", column, channel.ADDRESS
+                        f"{channel.title} is {earlier_column} already; correct one",
+                        column,
+                        channel.ADDRESS,
                     )
         return channels
 
@@ -324,7 +326,7 @@ class Source(Settings):
         line = field_line(self._path, keys) if self._path else None
         return f"{where}, line {line}" if line else where
 
-    def of_part(self, part: str) -> Self:
+    def for_part(self, part: str) -> Self:
         """The source file for one part of a log that holds several trials, as the sample sheet
         names it."""
         if part:

@@ -250,7 +250,7 @@ def to_pandas(table: pl.DataFrame) -> "pandas.DataFrame":
 # Whether a file of the campaign holds results, and of this release
 
 
-def check_schema(stated: object, path: Path, release: object = None) -> None:
+def check_schema(schema: object, path: Path, release: object = None) -> None:
     """Refuse results with columns of another schema than that of this release.
 
     Parameters
@@ -267,10 +267,10 @@ def check_schema(stated: object, path: Path, release: object = None) -> None:
     InputError
         It is older or newer, so that columns may mean something else.
     """
-    if stated == SCHEMA:
+    if schema == SCHEMA:
         return
     raise InputError(
-        f"{path}: columns of schema {stated}, by release {release or '(not stated)'}",
+        f"{path}: columns of schema {schema}, by release {release or '(not stated)'}",
         f"this release reads {SCHEMA}: make it again (`osl-analysis run`), or install that release",
     )
 
@@ -298,10 +298,10 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
             if text.startswith(f'{{"{NOT_ANALYSED_KEY}"'):  # models are large
                 causes = json.loads(text)[NOT_ANALYSED_KEY]
         elif path.suffix in (".csv", ARCHIVE_SUFFIX):
-            stated = ("status", "trial", "reason")
+            columns = ("status", "trial", "reason")
             content = content_of(path, NOT_ANALYSED_KEY)
             if NOT_ANALYSED.encode() in content:  # most hold results, and need not be read
-                rows = unquoted(pl.read_csv(content, columns=stated, infer_schema=False))
+                rows = unquoted(pl.read_csv(content, columns=columns, infer_schema=False))
                 if (rows["status"] == NOT_ANALYSED).all():
                     causes = rows.select(pl.col("trial", "reason").fill_null("")).rows()
     except (*UNREADABLE, ValueError, pl.exceptions.PolarsError):

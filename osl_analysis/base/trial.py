@@ -19,11 +19,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.base.errors import InputError, listing, naming, nearest
-from osl_analysis.base.files import atomic_path, own_yaml
+from osl_analysis.base.files import atomic_path, package_yaml
 from osl_analysis.base.measured import check_finite
 from osl_analysis.base.table import SCHEMA, check_analysed, check_schema
 
-NOMENCLATURE = own_yaml(Path(__file__).with_name("nomenclature.yaml"))
+NOMENCLATURE = package_yaml(Path(__file__).with_name("nomenclature.yaml"))
 COLUMNS: dict[str, str] = NOMENCLATURE["columns"]
 """Unit of each canonical column."""
 AXES = ("x", "y", "z")
@@ -141,13 +141,13 @@ class Trial:
     clocks: Mapping[str, Sequence[Any]] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        given: Any = self.samples
-        if not isinstance(given, pl.DataFrame):
+        frame: Any = self.samples
+        if not isinstance(frame, pl.DataFrame):
             try:  # a pandas frame, or columns by name; `pl.from_pandas` needs pyarrow
-                samples = pl.DataFrame({str(name): np.asarray(given[name]) for name in given})
+                samples = pl.DataFrame({str(name): np.asarray(frame[name]) for name in frame})
             except (TypeError, LookupError, pl.exceptions.PolarsError) as error:
                 raise InputError(
-                    f"trial {self.name}: the samples are no data frame ({type(given).__name__})",
+                    f"trial {self.name}: the samples are no data frame ({type(frame).__name__})",
                     "give one of polars or pandas, with a column `time` in seconds",
                 ) from error
             object.__setattr__(self, "samples", samples)
@@ -302,7 +302,7 @@ def read_trial(path: Path | str) -> Trial:
     """
     path = Path(path)
     name, provenance = metadata_of(path)
-    with told_as_parquet(path):
+    with refusing_other_files(path):
         samples = pl.read_parquet(path, glob=False)
     clocks = provenance.pop("clocks", {})
     return Trial(name, samples, provenance, clocks)
@@ -313,7 +313,7 @@ def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
     check_analysed(path)
     if not path.is_file():
         raise InputError(f"{path}: no such trial", "ingest it first (osl-analysis ingest)")
-    with told_as_parquet(path):
+    with refusing_other_files(path):
         metadata = pl.read_parquet_metadata(path)
         if not {NAME_KEY, PROVENANCE_KEY} <= metadata.keys():
             raise ValueError("Parquet without provenance")
@@ -323,7 +323,7 @@ def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
 
 
 @contextmanager
-def told_as_parquet(path: Path) -> Iterator[None]:
+def refusing_other_files(path: Path) -> Iterator[None]:
     """Turn Polars' error about a file that is not Parquet into an InputError of one line."""
     try:
         yield

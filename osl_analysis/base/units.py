@@ -15,9 +15,9 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from osl_analysis.base.errors import InputError, shortened
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 
-DATA = own_yaml(Path(__file__).with_name("units.yaml"))
+DATA = package_yaml(Path(__file__).with_name("units.yaml"))
 EXAMPLES = DATA["examples"]
 SI_UNITS = DATA["si_units"]
 LONG_TIMES = DATA["long_times"]
@@ -126,8 +126,8 @@ def in_si(spelling: str) -> tuple[float, str]:
             return factors[spelling], si_unit
     ticks = TICKS.fullmatch(spelling)
     if ticks:
-        of_tick, si_unit = in_si(ticks[2])
-        return float(ticks[1]) * of_tick, si_unit
+        tick_factor, si_unit = in_si(ticks[2])
+        return float(ticks[1]) * tick_factor, si_unit
     if not re.fullmatch(rf"{NAME}([*/]{NAME}){{,7}}", spelling):
         return NO_UNIT
     from pint import PintError, application_registry  # takes 0.3 s, once

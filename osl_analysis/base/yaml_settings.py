@@ -206,8 +206,8 @@ def located(files: Sequence[Path], place: Place) -> str:
     for file in reversed(files):
         line = field_line(file, place)
         if line is not None:
-            of_file = f" of {file.name}" if len(files) > 1 else ""
-            return f"line {line}{of_file}: "
+            file_name = f" of {file.name}" if len(files) > 1 else ""
+            return f"line {line}{file_name}: "
     return ""
 
 
@@ -326,15 +326,15 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 
-def of_fraction(value: object) -> object:
+def from_fraction(value: object) -> object:
     """A number that may be written as products and quotients of numbers, from left to right, such
     as `1/4096` and `0.25*9.80665/32768`."""
     if not isinstance(value, str):
         return value
-    first, *rest = re.split(r"([*/])", value)
+    first, *signs_and_terms = re.split(r"([*/])", value)
     try:
         number = Fraction(first)
-        for sign, text in zip(rest[::2], rest[1::2], strict=True):
+        for sign, text in zip(signs_and_terms[::2], signs_and_terms[1::2], strict=True):
             factor = Fraction(text)
             number = number * factor if sign == "*" else number / factor
         return float(number)

@@ -117,7 +117,7 @@ def record_of_trial(
     with naming(f"trial {trial.name}"):
         record = recorded(signals)
         if not signals.is_decided:
-            record = replace(record, with_other_stamps=recorded(signals.other()))
+            record = replace(record, with_other_stamps=recorded(signals.with_other_reading()))
     measured = signals.signals
     rate_hz = signals.rate_hz
     same = settings.low_pass

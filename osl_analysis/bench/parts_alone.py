@@ -90,7 +90,7 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
         fit = actuator_of(signals, settings, moved)
         if signals.is_decided:
             return fit
-        return replace(fit, other=actuator_of(signals.other(), settings, moved))
+        return replace(fit, other=actuator_of(signals.with_other_reading(), settings, moved))
 
 
 def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str) -> Analysis:

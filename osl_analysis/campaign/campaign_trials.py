@@ -88,10 +88,12 @@ def code_version() -> str:
 def git(*command: str) -> str:
     """What git says in the clone of the project; nothing where it is missing or refuses."""
     try:
-        said = subprocess.run(["git", *command], cwd=PACKAGE.parent, capture_output=True, text=True)
+        completed = subprocess.run(
+            ["git", *command], cwd=PACKAGE.parent, capture_output=True, text=True
+        )
     except OSError:
         return ""
-    return said.stdout.strip()
+    return completed.stdout.strip()
 
 
 def libraries() -> dict[str, str]:
@@ -107,17 +109,17 @@ def trace(
     """What decides results: the digests of what is `stated` and of recordings; by trial (Parquet),
     its experiment, and which of both are its own; code and libraries."""
     recordings: dict[str, str] = {}
-    of_trials: dict[str, dict[str, Any]] = {}
+    facts_by_trial: dict[str, dict[str, Any]] = {}
     for path in trials:
         trial, provenance = metadata_of(path)
-        files = of_trials[trial] = {"experiment": experiments[trial], "files": []}
+        files = facts_by_trial[trial] = {"experiment": experiments[trial], "files": []}
         for file in provenance["files"].values():
             recordings[file["path"]] = file["sha256"]
             files["files"] += [file["path"], f"source {file['source']}"]
     return {
         "stated": stated,
         "recordings": recordings,
-        "trials": of_trials,
+        "trials": facts_by_trial,
         "code": {"version": code_version(), "digest": code()},
         "libraries": libraries(),
     }
@@ -377,10 +379,10 @@ def check_not_used_twice(trial: str, row: Mapping[str, Any], used: list[UsedPart
     """Refuse a log of which another trial uses the same part; adds the parts of this trial to the
     `used` ones."""
     for start, stop in parsed_windows(row["windows"] or WHOLE_RECORDING):
-        for used_start, used_stop, other in used:
+        for used_start, used_stop, earlier_trial in used:
             if min(stop, used_stop) > max(start, used_start):
                 raise InputError(
-                    f"trial '{other}' uses the same part of log '{row['log']}'",
+                    f"trial '{earlier_trial}' uses the same part of log '{row['log']}'",
                     "correct one, or give each its own `windows`",
                 )
         used.append((start, stop, trial))
@@ -397,10 +399,11 @@ def check_no_copies(campaign: Campaign) -> None:
                 continue
             alike = (row["experiment"], row["log_part"], row["windows"], size, ends_of(file, size))
             earlier = files_alike.setdefault(alike, [])
-            for other in {*earlier} - {file}:
-                if filecmp.cmp(other, file, shallow=False):
+            for earlier_file in {*earlier} - {file}:
+                if filecmp.cmp(earlier_file, file, shallow=False):
                     raise InputError(
-                        f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of {other},"
+                        f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of"
+                        f" {earlier_file},"
                         " the recording of another trial, and would count twice",
                         "exclude one, or name its own",
                     )

@@ -11,7 +11,7 @@ import yaml
 from pydantic import AfterValidator, Field
 
 from osl_analysis.base.errors import InputError, on_one_line
-from osl_analysis.base.files import CAMPAIGN, ROOT, default_config, own_yaml, shipped
+from osl_analysis.base.files import CAMPAIGN, ROOT, default_config, package_yaml, shipped
 from osl_analysis.base.yaml_settings import (
     FILE_NAME,
     NOT_YAML,
@@ -124,12 +124,12 @@ class Config(Settings):
 
     def shared(self, names: Collection[str] = tuple(SharedChoices.model_fields)) -> SharedChoices:
         """The choices that the simulator follows, or those of them that are named."""
-        stated = self.model_dump(include={*names})
+        choices = self.model_dump(include={*names})
         sine = {"amplitudes_deg", "frequencies_hz", "cycles"}
         protocol = self.dynamometer.model_dump(include=sine)
         if "protocol" in names and all(protocol.values()):
-            stated["protocol"] = protocol
-        return SharedChoices.model_validate(stated)
+            choices["protocol"] = protocol
+        return SharedChoices.model_validate(choices)
 
 
 def overriding(base: Any, override: Any) -> Any:
@@ -154,7 +154,7 @@ FACTS_OF_DEFAULT = {
 LIMIT_BY_WEIGHT = {"doubtful": {"impedance": {"above": {"B_gap_s": None}}}}
 
 
-def over_default(stated: Mapping[str, Any]) -> Any:
+def over_default(campaign_settings: Mapping[str, Any]) -> Any:
     """Replace fields of the default configuration by those of another.
 
     Real recordings are not from the bench of the default campaign: for them, `FACTS_OF_DEFAULT`
@@ -162,13 +162,13 @@ def over_default(stated: Mapping[str, Any]) -> Any:
     """
     path = default_config()
     # the shipped file is the same for both readers, and the one in C takes 2 ms for 30
-    default = own_yaml(path) if path.is_relative_to(ROOT) else read_mapping(path)
-    is_simulated = stated.get("simulation", default["simulation"]) is not None
+    default = package_yaml(path) if path.is_relative_to(ROOT) else read_mapping(path)
+    is_simulated = campaign_settings.get("simulation", default["simulation"]) is not None
     if default["simulation"] is not None and not is_simulated:
         default = overriding(default, FACTS_OF_DEFAULT)
-        if stated.get("gain_weight") is None:
+        if campaign_settings.get("gain_weight") is None:
             default = overriding(default, LIMIT_BY_WEIGHT)
-    return overriding(default, stated)
+    return overriding(default, campaign_settings)
 
 
 def read_campaign_file(path: Path) -> dict[str, Any]:
@@ -204,11 +204,11 @@ def config_for_trials(
     of the default, by default that of the working folder; the shipped default states no facts on
     recordings of others. It names the stated parameter file of the device, if any."""
     default = default_config()
-    own = CAMPAIGN if CAMPAIGN.is_file() else default
-    stated = Path(path or own)
-    own_files = tuple(Path("config").rglob("*"))  # each stands for the shipped one of its name
-    contents = [file.read_bytes() for file in (default, stated) if file.is_file()]
-    config = config_of_state(stated, (Path.cwd(), own_files, *contents))
+    campaign_file = CAMPAIGN if CAMPAIGN.is_file() else default
+    config_path = Path(path or campaign_file)
+    local_files = tuple(Path("config").rglob("*"))  # each stands for the shipped one of its name
+    contents = [file.read_bytes() for file in (default, config_path) if file.is_file()]
+    config = config_of_state(config_path, (Path.cwd(), local_files, *contents))
     if parameters == OF_CONFIG:
         return config
     device = None if parameters is None else shipped(parameters)
@@ -220,8 +220,8 @@ def config_for_trials(
 def config_of_state(path: Path, state: Hashable) -> Config:
     """What `config_for_trials` gives while the `state` of the files is the same."""
     is_shipped = path == default_config() and path.is_relative_to(ROOT)
-    stated = {"simulation": None} if is_shipped else read_campaign_file(path)
-    return validated(over_default(stated), Config, path, (default_config(), path))
+    campaign_settings = {"simulation": None} if is_shipped else read_campaign_file(path)
+    return validated(over_default(campaign_settings), Config, path, (default_config(), path))
 
 
 def read_config(path: Path) -> Config:

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.base.files import DISTRIBUTION, ROOT, own_yaml
+from osl_analysis.base.files import DISTRIBUTION, ROOT, package_yaml
 from osl_analysis.base.yaml_settings import flat, read_mapping
 from osl_analysis.campaign.campaign_trials import Campaign, code, code_version, digest_of, values_in
 from osl_analysis.campaign.configuration import LIMIT_BY_WEIGHT, Config
@@ -44,7 +44,7 @@ NOT_HASHED = {
     "recorded",
 }
 # experiments that a setting judges, labels or enters
-EXPERIMENTS_BY_SETTING: dict[str, list[str]] = own_yaml(
+EXPERIMENTS_BY_SETTING: dict[str, list[str]] = package_yaml(
     Path(__file__).with_name("setting_states.yaml")
 )
 
@@ -133,11 +133,13 @@ def changed_settings(campaign: Campaign) -> list[dict[str, Any]]:
     """What decides verdicts and differs from the shipped defaults, which may be edited in a clone:
     `setting`, `value`, `default` and `state`."""
     config = campaign.config
-    own = flat(config.model_dump(mode="json", include={"doubtful", "quality"}))
+    current = flat(config.model_dump(mode="json", include={"doubtful", "quality"}))
     defaults = flat({"doubtful": SHIPPED_DOUBTFUL, "quality": SHIPPED_QUALITY})
     if config.simulation is None:
         defaults.update(flat(LIMIT_BY_WEIGHT))
-    settings = [(name, own.get(name), defaults.get(name)) for name in sorted({*own, *defaults})]
+    settings = [
+        (name, current.get(name), defaults.get(name)) for name in sorted({*current, *defaults})
+    ]
     for column in ("accept", "exclude"):
         for trial, row in campaign.sheet.items():
             settings.append((f"{column} of {trial}", row[column], None))

@@ -94,7 +94,7 @@ class ResultFiles:
             return [f"{self.results}/fits/{GROUPS}.csv"] if has_groups else []
         files = []
         for trial, row in self.campaign.rows.items():
-            names = [other.name for other in EXPERIMENTS[row["experiment"]].tables]
+            names = [table_facts.name for table_facts in EXPERIMENTS[row["experiment"]].tables]
             is_unperturbed = table == "walking" and not row["perturbed"]
             if table in names and not is_unperturbed and (trials is None or trial in trials):
                 suffix = ".csv" if table == names[0] else ARCHIVE_SUFFIX
@@ -102,7 +102,7 @@ class ResultFiles:
         return files
 
     @cached_property
-    def of_single_trials(self) -> list[str]:
+    def files_of_single_trials(self) -> list[str]:
         """All results of single trials."""
         walked = self.campaign.trials("walking")
         files = [f"{self.results}/trials/{trial}.parquet" for trial in self.campaign.trials()]
@@ -261,9 +261,9 @@ def time_series_example(campaign: Campaign) -> TimeSeriesExample | None:
     trials = campaign.trials("impedance")
     if not trials:
         return None
-    stated = campaign.config.figures.time_series
-    named = matching(campaign, stated)
-    if named and stated:
+    example = campaign.config.figures.time_series
+    named = matching(campaign, example)
+    if named and example:
         return TimeSeriesExample(named[:1], "")
     chosen = "the first impedance trial of the sheet that is not doubtful"
     if not named:
@@ -274,14 +274,14 @@ def time_series_example(campaign: Campaign) -> TimeSeriesExample | None:
 def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
     """The desired impedance of Fig. 7, if the campaign has it; None: the one with the most
     trials."""
-    stated = campaign.config.figures.frequency_response
-    return stated if matching(campaign, stated) else None
+    example = campaign.config.figures.frequency_response
+    return example if matching(campaign, example) else None
 
 
-def matching(campaign: Campaign, stated: FrequencyResponseFigure | None) -> list[str]:
+def matching(campaign: Campaign, example: FrequencyResponseFigure | None) -> list[str]:
     """Find the impedance trials with the cells of the sheet that are stated, of which None matches
     an empty cell; all where nothing is stated."""
-    cells = stated.model_dump() if stated else {}
+    cells = example.model_dump() if example else {}
     return [
         trial
         for trial in campaign.trials("impedance")

@@ -257,7 +257,7 @@ def source_problems(campaign: Campaign) -> dict[str, str]:
             try:
                 sources = [read_source(path) for path in campaign.sources(trial)]
                 with naming(f"{campaign.config.sheet}: trial '{trial}'"):
-                    sources[0].of_part(part)
+                    sources[0].for_part(part)
                 if len(roles) > 1:
                     check_clocks(dict(zip(roles, sources, strict=True)))
             except OslAnalysisError as error:

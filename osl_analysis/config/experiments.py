@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 
 # fields of `dynamometer` in the configuration that describe the expected stepped sine, and whether
 # one is expected
@@ -89,7 +89,7 @@ def experiment_of(facts: dict[str, Any]) -> Experiment:
     return Experiment(**{**facts, "tables": tables, "fit": fit})
 
 
-LISTED_EXPERIMENTS = own_yaml(Path(__file__).with_suffix(".yaml"))
+LISTED_EXPERIMENTS = package_yaml(Path(__file__).with_suffix(".yaml"))
 EXPERIMENTS = {name: experiment_of(facts) for name, facts in LISTED_EXPERIMENTS.items()}
 TABLES_OF_TRIALS = {table.name: table for facts in EXPERIMENTS.values() for table in facts.tables}
 """The tables with rows of single trials, by name."""

@@ -50,7 +50,7 @@ USERS = {
     **dict.fromkeys(FIXTURE, ON_DYNAMOMETER),
 }
 # by column: the one that has to be filled, and not `false`, beside it
-NEEDED_BESIDE = {
+NEEDED_COLUMN = {
     "log": "log_source",
     "log_2": "log_2_source",
     "log_2_source": "log",
@@ -188,12 +188,13 @@ class SheetRow(Settings):
         for column in EXPERIMENTS[self.experiment].sheet:
             if column not in filled and not self.exclude:
                 raise misplaced(f"it is empty; experiment {self.experiment} needs it", column)
-        for column, other in NEEDED_BESIDE.items():
-            beside = filled.get(other)
-            is_beside = beside not in ("", None) and beside is not False  # a 0 is a value
-            if column in filled and not is_beside:
+        for column, needed_column in NEEDED_COLUMN.items():
+            needed_value = filled.get(needed_column)
+            has_needed = needed_value not in ("", None) and needed_value is not False
+            if column in filled and not has_needed:
                 raise misplaced(
-                    f"it needs {other}, neither empty nor false; correct that, or clear this cell",
+                    f"it needs {needed_column}, neither empty nor false; correct that, or clear"
+                    " this cell",
                     column,
                 )
         for column, users in USERS.items():

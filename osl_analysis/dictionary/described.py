@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 
 HERE = Path(__file__).parent
 SHARED = HERE / "shared.yaml"
@@ -77,8 +77,8 @@ def described_tables_by_name() -> dict[str, DescribedTable]:
 def described_in(path: Path) -> tuple[DescribedTable, ...]:
     """The tables that one file describes."""
     tables = []
-    shared = own_yaml(SHARED)
-    for place, table in own_yaml(path).items():
+    shared = package_yaml(SHARED)
+    for place, table in package_yaml(path).items():
         lines = []
         for key, text in table["columns"].items():
             lines.append((key, text))
@@ -87,8 +87,10 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
         lines.append(("data", None))
 
         columns = described_lines(lines, shared)
-        of_fits = described_lines(table.get("of_fits", {}).items(), shared)
-        tables.append(DescribedTable(place, table.get("also", ""), table["rows"], columns, of_fits))
+        fit_columns = described_lines(table.get("of_fits", {}).items(), shared)
+        tables.append(
+            DescribedTable(place, table.get("also", ""), table["rows"], columns, fit_columns)
+        )
     return tuple(tables)
 
 
@@ -108,9 +110,9 @@ def described_columns(
 ) -> Iterator[DescribedColumn]:
     """The columns that one line of the dictionary describes; `shared` is the content of
     `shared.yaml`."""
-    word, _, rest = key.partition(" ")
+    word, _, name_or_group = key.partition(" ")
     if word == "include":
-        for name, described in shared["groups"][rest].items():
+        for name, described in shared["groups"][name_or_group].items():
             yield from described_columns(name, described, shared)
     else:
         name, *endings = key.split(", ")
@@ -158,8 +160,8 @@ def columns_of_trial(name: str) -> list[str]:
     """The columns of the result table `name` in a file of a single trial, in their order, but for
     `data`. One that was not analysed has the same."""
     table = described_tables_by_name()[name]
-    own = [name for name in (*table.columns, *table.of_fits) if name not in ADDED_TO_ALL]
-    return [*own, "status", "reason"]
+    names = [name for name in (*table.columns, *table.of_fits) if name not in ADDED_TO_ALL]
+    return [*names, "status", "reason"]
 
 
 def table_of(rows: Sequence[Mapping[str, Any]], name: str) -> pl.DataFrame:
@@ -167,7 +169,7 @@ def table_of(rows: Sequence[Mapping[str, Any]], name: str) -> pl.DataFrame:
     them, and the types that its description gives. Raises ValueError: a column is not described."""
     table = described_tables_by_name()[name]
     described = {**table.columns, **table.of_fits}
-    given = rows[0].keys() if rows else set()
-    names = sorted({*given, *(described.keys() - ADDED_TO_ALL)}, key=[*described].index)
+    row_names = rows[0].keys() if rows else set()
+    names = sorted({*row_names, *(described.keys() - ADDED_TO_ALL)}, key=[*described].index)
     types = {name: TYPES.get(described[name].unit, pl.Float64) for name in names}
     return pl.DataFrame(rows, schema=types)

@@ -80,7 +80,9 @@ def pair_logs(recordings: Sequence[Described]) -> tuple[dict[Path, Path], list[t
     questions
         Why others are not paired, and which files.
     """
-    logs = {each.file: each for each in recordings if not each.overview.is_capture}
+    logs = {
+        recording.file: recording for recording in recordings if not recording.overview.is_capture
+    }
     angles = {file for file, log in logs.items() if {*log.likely} & PARTS == {"theta"}}
     torques = {file for file, log in logs.items() if {*log.likely} & PARTS == {"torque"}}
     alike = names_alike(angles, torques)
@@ -129,7 +131,7 @@ def why_no_pair(
     has_clocks = theta.times is not None and torque.times is not None
     if angles.keys() & torques.keys() - {""} or not has_clocks:
         return ""  # what both recorded aligns them
-    follows = correlation(theta, torque), correlation(theta, torque, of_speed=True)
+    follows = correlation(theta, torque), correlation(theta, torque, with_speed=True)
     if np.hypot(*follows) < LEAST_COMMON:
         return "the torque does not follow the angle, if both begin at one instant"
     return ""
@@ -266,7 +268,9 @@ def trials_of(
             joints[str(recording.file)] = joints_named(recording.overview.channels)
         elif {"torque_m", "current"} <= columns:
             moved[recording.file] = "actuator"
-    files = [(each.file, each.source, each.overview.is_capture) for each in described]
+    files = [
+        (recording.file, recording.source, recording.overview.is_capture) for recording in described
+    ]
     trials = draft_trials(files, moved, first_of)
     for trial in trials:
         named = joints.get(trial.cells.get("log", ""), [])
@@ -283,14 +287,14 @@ def align_clocks(draft: Draft) -> None:
         sources = [draft.source_files[trial.cells[name]] for name in SOURCES if name in trial.cells]
         if len(sources) == 1:
             continue
-        log, other = sources
+        log, second = sources
         is_second = "log_2" in trial.cells
-        aligned = other if is_second else log
+        aligned = second if is_second else log
         if all("sync" in source.named for source in sources):
             aligned.settings["clock"] = "sync"
         elif is_second:
             aligned.settings["clock"] = "start"
             question = ASK_CLOCK.format(source=trial.cells["log_2_source"])
             draft.open.append((question, trial.cells["trial"]))
-        if (log.settings["format"], other.settings["format"]) == ("opensim", "trc"):
+        if (log.settings["format"], second.settings["format"]) == ("opensim", "trc"):
             log.settings["clock"] = "common"

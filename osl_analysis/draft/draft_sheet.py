@@ -80,15 +80,15 @@ def draft_trials(
     by_name: dict[str, dict[str, tuple[Path, str]]] = {}
     captures = {trial_name(path) for path, _, from_capture in recordings if from_capture}
     name_of: dict[Path, str] = {}
-    for path, source, from_capture in sorted(recordings, key=lambda each: each[0] in first_of):
+    for path, source, from_capture in sorted(recordings, key=lambda item: item[0] in first_of):
         if path in first_of:
             by_name[name_of[first_of[path]]]["log_2"] = (path, source)
             continue
         role = "mocap" if from_capture else "log"
         name = trial_name(path)
-        of_markers = OF_FORCES.sub("", name)
-        if role == "log" and of_markers in captures:
-            name = of_markers
+        capture_name = OF_FORCES.sub("", name)
+        if role == "log" and capture_name in captures:
+            name = capture_name
         free_name = name
         number = 1
         while role in by_name.get(free_name, {}):
@@ -104,12 +104,12 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     path = next(iter(files.values()))[0]
     stem = stem_of(path)
     words = parted_name(stem)
-    stated = stated_impedance(stem)
+    impedance_cells = stated_impedance(stem)
     cells = {"trial": name, "experiment": UNNAMED}
     for role, (file, source) in files.items():
         cells[role] = file.as_posix()
         cells[f"{role}_source"] = source
-    telling = experiments_in(words, files, "K_d" in stated)
+    telling = experiments_in(words, files, "K_d" in impedance_cells)
     if not telling and "mocap" not in files and path in moved:
         cells["experiment"] = moved[path]
         question = f"to be confirmed, guessed from the signals: experiment {moved[path]}"
@@ -117,14 +117,14 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
 
     controller = CONTROLLER.search(stem)
     if controller:
-        stated["controller"] = "uncompensated" if controller[1] else "compensated"
-    of_experiment = {
+        impedance_cells["controller"] = "uncompensated" if controller[1] else "compensated"
+    cells_by_experiment = {
         "walking": {"perturbed": stated_perturbation(words)},
         "calibration": {"fixture": "alone" if is_fixture_alone(path) else ""},
-        "impedance": stated,
+        "impedance": impedance_cells,
     }
     experiment = telling[0] if telling else ""
-    told = of_experiment.get(experiment, {})
+    experiment_cells = cells_by_experiment.get(experiment, {})
     problem = ""
     if not telling:
         possible = ", ".join(possible_experiments(files)[::-1])
@@ -134,17 +134,19 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
         )
     elif len(telling) > 1:
         problem = f"experiment: the name may tell {' or '.join(telling)}, write which"
-    elif not all(told.values()):
+    elif not all(experiment_cells.values()):
         lacking = NOT_TOLD[experiment]
         problem = f"the name does not tell {lacking}: write it, and experiment {experiment}"
     if problem:
         question = f"{problem}; it stands as {UNNAMED}, which is not analysed"
-        return DraftedTrial({**cells, **(stated if "impedance" in telling else {})}, question)
+        return DraftedTrial(
+            {**cells, **(impedance_cells if "impedance" in telling else {})}, question
+        )
     cells["experiment"] = experiment
     if experiment == "walking":
         cells["body_mass_kg"] = ""  # may be filled in: it tells a wrong gain of the plate
     is_open = experiment == "impedance" and not controller
-    return DraftedTrial({**cells, **told}, ASK_CONTROLLER if is_open else "")
+    return DraftedTrial({**cells, **experiment_cells}, ASK_CONTROLLER if is_open else "")
 
 
 def is_fixture_alone(path: Path) -> bool:
@@ -161,7 +163,7 @@ def stated_perturbation(words: str) -> str:
 
 def stated_impedance(name: str) -> dict[str, str]:
     """K_d and B_d as a name states them, once each: `K300_B2.5`."""
-    stated = {}
+    cells = {}
     behind = r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
     for column, letter, smallest in (("K_d", "K", SMALLEST_K), ("B_d", "B", 0.0)):
         pattern = rf"(?<![A-Za-z]){letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}"
@@ -169,8 +171,8 @@ def stated_impedance(name: str) -> dict[str, str]:
         if len(numbers) == 1:
             number = numbers.pop()
             if float(number) >= smallest:
-                stated[column] = number
-    return stated
+                cells[column] = number
+    return cells
 
 
 def possible_experiments(files: Recordings) -> list[str]:

@@ -22,13 +22,15 @@ def segment_of(label: str) -> tuple[str, str]:
     empty for none."""
     name = re.sub(r"[^A-Z0-9]+", "_", label.rpartition(":")[2].upper()).strip("_")
     forms: list[tuple[str, str]] = re.findall(r"^(RIGHT|LEFT|R|L)_?(.+)$", name)
-    forms += [(side, rest) for rest, side in re.findall(r"^(.+)_(RIGHT|LEFT|R|L)$", name)]
+    forms += [
+        (side, segment_name) for segment_name, side in re.findall(r"^(.+)_(RIGHT|LEFT|R|L)$", name)
+    ]
     forms.append(("", name))
-    for side, rest in forms:
+    for side, segment_name in forms:
         for segment, (begins, codes) in SEGMENTS.items():
             is_letter = len(side) == 1  # which may belong to the word, as in LEG
             pattern = rf"(^|_)({begins})|^({codes})$" if is_letter else begins
-            if re.search(pattern, rest):
+            if re.search(pattern, segment_name):
                 return side[:1], segment
     return "", ""
 
@@ -39,9 +41,9 @@ def with_side(label: str, labels: Sequence[str]) -> tuple[str, str]:
     side, segment = segment_of(label)
     if segment and not side:
         subject, sign, name = label.rpartition(":")
-        for own, other in (("R", "L"), ("L", "R")):
-            if name.startswith(own) and f"{subject}{sign}{other}{name[1:]}" in labels:
-                return own, segment
+        for letter, opposite_letter in (("R", "L"), ("L", "R")):
+            if name.startswith(letter) and f"{subject}{sign}{opposite_letter}{name[1:]}" in labels:
+                return letter, segment
     return side, segment
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.base.errors import quoted
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.base.measured import cycle_duration, spoiled, varies
 from osl_analysis.base.source_file import COMPUTED
 from osl_analysis.base.trial import COLUMNS, Array
@@ -61,7 +61,7 @@ ATTRIBUTE = re.compile(
 
 def likelihoods() -> dict[str, Any]:
     """The table: `words` by what they tell, and `weights`, log-odds of columns by evidence."""
-    return own_yaml(TABLE)
+    return package_yaml(TABLE)
 
 
 @cache
@@ -160,14 +160,14 @@ def with_context(evidence: Sequence[set[str]]) -> list[set[str]]:
     angles = [kinds for kinds in evidence if kinds & {"angle", "in rad"} and not kinds & NO_ANGLE]
     measured = [kinds for kinds in angles if "command" not in kinds]
     outputs = [kinds for kinds in measured if "output" in kinds]
-    of_motor = [kinds for kinds in measured if "motor" in kinds]
+    motor_kinds = [kinds for kinds in measured if "motor" in kinds]
     has_joint = not all(kinds & {"motor", "output"} for kinds in angles)
     is_driven = {"current", "torque"} <= set().union(*evidence)
     turns_with = "motor"
-    if not has_joint and len(outputs) == 1 and (of_motor or not is_driven):
+    if not has_joint and len(outputs) == 1 and (motor_kinds or not is_driven):
         turns_with = "joint"
         has_joint = True
-    is_alone = not has_joint and bool(of_motor or outputs or is_driven)
+    is_alone = not has_joint and bool(motor_kinds or outputs or is_driven)
     in_context = [set(kinds) for kinds in evidence]
     for kinds in in_context:
         if "output" in kinds:
@@ -259,7 +259,7 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
         for channel, at in zip(channels, wraps, strict=True)
     ]
     evidence = with_context([evidence_of_channel(channel) for channel in channels])
-    guesses = [Guess(*each) for each in zip(channels, evidence, wraps, strict=True)]
+    guesses = [Guess(*fields) for fields in zip(channels, evidence, wraps, strict=True)]
     for guess in guesses:
         guess.why_not = why_no_signal(guess, channels)
     decide_columns(guesses)
@@ -281,10 +281,10 @@ def decide_columns(guesses: Sequence[Guess]) -> None:
         guess.likely = probabilities(guess.channel, {*guess.evidence, "spring"})
     taken: set[str] = set()
     for guess in sorted(guesses, key=lambda guess: guess.likely.get(guess.column, 0), reverse=True):
-        others = [other for other in guesses if other is not guess and other.may_be(guess.column)]
+        rivals = [rival for rival in guesses if rival is not guess and rival.may_be(guess.column)]
         free = 1 - sum(guess.likely.get(column, 0) for column in taken)
         guess.is_sure = guess.may_be(guess.column, SURE * free) and (
-            guess in confirmed or not others
+            guess in confirmed or not rivals
         )
         if guess.is_sure:
             taken.add(guess.column)
@@ -292,15 +292,15 @@ def decide_columns(guesses: Sequence[Guess]) -> None:
     sure = [pair for pair in pairs if pair[0].is_sure and pair[1].is_sure]
     for angle, torque, r in sure[:1]:
         if confirmed:
-            for guess, other in ((angle, torque), (torque, angle)):
-                name = quoted(name_of(other.channel))
+            for guess, partner in ((angle, torque), (torque, angle)):
+                name = quoted(name_of(partner.channel))
                 guess.why = f"a guess: as a spring with {name}, r = {abs(r):.3f}"
         elif len(joints_named([angle.channel, torque.channel])) > 1:
             angle.is_sure = torque.is_sure = False
         if "turns round" in angle.evidence:
             angle.why += ": more than a turn, are unit and names right?"
         # a joint resists: the torque of an inertia falls, too, but its losses go with the speed
-        power = correlation(angle.channel, torque.channel, of_speed=True)
+        power = correlation(angle.channel, torque.channel, with_speed=True)
         if min(r, power) > 0:
             torque.sign = 1
         elif r < FALLING and power < 0:
@@ -335,22 +335,26 @@ def why_no_signal(guess: Guess, channels: Sequence[RecordedChannel]) -> str:
     is_noise = not (tells_next or is_held or guess.column == "omega_m")
     if not is_noise or np.unique(known).size <= 2:
         return ""
-    is_followed = any(follows(known, other.readings) for other in channels)
+    is_followed = any(follows(known, other_channel.readings) for other_channel in channels)
     return "" if is_followed else "nothing but noise"
 
 
-def follows(readings: Array, others: Array) -> bool:
+def follows(readings: Array, other_readings: Array) -> bool:
     """Whether most of the power of a channel is coherent with another one of the same rows; a
     channel that is the same tells nothing."""
-    if len(readings) != len(others) or np.array_equal(readings, others) or not varies(others):
+    if (
+        len(readings) != len(other_readings)
+        or np.array_equal(readings, other_readings)
+        or not varies(other_readings)
+    ):
         return False
     rows = len(readings) // SEGMENTS
     _, powers = power_density(readings, 1.0, rows)
-    _, left = unfollowed_density(readings, others, 1.0, rows, FALSE_ALARM)
+    _, left = unfollowed_density(readings, other_readings, 1.0, rows, FALSE_ALARM)
     return bool(left.sum() < powers.sum() / 2)
 
 
-def correlation(theta: RecordedChannel, torque: RecordedChannel, of_speed: bool = False) -> float:
+def correlation(theta: RecordedChannel, torque: RecordedChannel, with_speed: bool = False) -> float:
     """Correlation of the readings of two channels, or of the first one's speed, by their times if
     they have any; 0 if they cannot be compared."""
     x = np.nan_to_num(theta.numbers, posinf=0.0, neginf=0.0)
@@ -359,7 +363,7 @@ def correlation(theta: RecordedChannel, torque: RecordedChannel, of_speed: bool 
         x = np.interp(torque.times, theta.times, x)
     if len(x) != len(y) or len(x) <= FEWEST_READINGS or not (varies(x) and varies(y)):
         return 0.0
-    if of_speed:
+    if with_speed:
         x = np.gradient(x)
     return float(np.corrcoef(x, y)[0, 1])
 

@@ -163,8 +163,8 @@ def time_of_messages(recording: Recording) -> tuple[dict[str, object], list[str]
     stamps = [channel for channel in recording.channels if channel.kind == Kind.CLOCK]
     zero = [channel.key for channel in stamps if not np.ma.getdata(channel.values).any()]
     source = "header" if stamps and not zero else "log"
-    told = f"stamps are zero, so that time is the recorder's: {listing(zero)}"
-    return {"source": source}, [told] if zero else []
+    remark = f"stamps are zero, so that time is the recorder's: {listing(zero)}"
+    return {"source": source}, [remark] if zero else []
 
 
 def overview_of_log(recording: Recording) -> Overview:
@@ -201,7 +201,7 @@ def overview_of_log(recording: Recording) -> Overview:
         if re.search(GEAR, text)
     ]
     if "log_part" in model.model_fields:
-        parts, drafted = of_one_trial(drafted)
+        parts, drafted = split_parts(drafted)
         if parts:
             settings["log_part"] = parts[0]
             questions.append(
@@ -212,8 +212,8 @@ def overview_of_log(recording: Recording) -> Overview:
     if has_messages:
         settings["time"], questions = time_of_messages(recording)
     elif not drafted or any(channel.times is None for channel in drafted):
-        settings["time"], clock, of_time = drafted_time(recording, drafted, key)
-        questions += of_time
+        settings["time"], clock, time_questions = drafted_time(recording, drafted, key)
+        questions += time_questions
     if clock is not None:
         signals = [channel for channel in drafted if channel.address != clock.address]
         times = (clock.numbers - clock.numbers[:1].sum()) * clock.base[0]
@@ -232,7 +232,7 @@ def overview_of_log(recording: Recording) -> Overview:
     return Overview(recording.format, facts, shown, remarks, settings, drafted, clock, questions)
 
 
-def of_one_trial(
+def split_parts(
     channels: Sequence[RecordedChannel],
 ) -> tuple[list[str], list[RecordedChannel]]:
     """The parts of a file that hold the same signals, a trial each; none where it holds one trial.
@@ -296,8 +296,8 @@ def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
     if not channel.spelled_unit:
         is_counter = (channel.readings == np.rint(channel.readings)).all()
         ticks = filter(None, map(TICK.search, notes if is_counter else []))
-        told = next((f"{tick[1]} {tick[2]}" for tick in ticks), "")
-        channel = replace(channel, likely_unit=told or time_unit(channel.readings))
+        stated_unit = next((f"{tick[1]} {tick[2]}" for tick in ticks), "")
+        channel = replace(channel, likely_unit=stated_unit or time_unit(channel.readings))
     factor, _ = channel.base
     channel = replace(channel, numbers=unwrapped(channel.numbers)[0])
     seconds = channel.readings * factor
@@ -336,7 +336,7 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> tuple[RecordedChannel |
 
     first = clocks[0]
     taken = printable(first.key)
-    candidate_models = [clock for clock in clocks if is_apart(clock, first)]
+    candidate_models = [clock for clock in clocks if spans_other_time(clock, first)]
     alike = [clock for clock in clocks[1:] if clock in candidates]
     asked = [first, *(candidate_models or alike)]
     spans = [f"{printable(clock.key)} spans {np.ptp(clock.readings):.6g}" for clock in asked]
@@ -357,14 +357,14 @@ def is_running(clock: RecordedChannel) -> bool:
     return bool(np.sum(steps > 0) > clock.count / 2 and np.mean(steps < 0) < MOST_BACK)
 
 
-def is_apart(clock: RecordedChannel, other: RecordedChannel) -> bool:
+def spans_other_time(clock: RecordedChannel, other_clock: RecordedChannel) -> bool:
     """Whether two clocks of the same rows span other times, where both have readings, in s, ms, us
     or ns."""
-    if clock.numbers.shape != other.numbers.shape:
+    if clock.numbers.shape != other_clock.numbers.shape:
         return False
-    both = np.isfinite(clock.numbers + other.numbers)
+    both = np.isfinite(clock.numbers + other_clock.numbers)
     span = float(np.ptp(clock.numbers[both]))
-    other_span = float(np.ptp(other.numbers[both]))
+    other_span = float(np.ptp(other_clock.numbers[both]))
     return min(span, other_span) > 0 and abs(span_ratio(span, other_span, ()) - 1) > CLOCK.apart
 
 

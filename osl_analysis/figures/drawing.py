@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from osl_analysis.base.errors import InputError
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.dictionary.described import TYPES, described_in
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.doubts import is_doubtful
@@ -37,7 +37,7 @@ class CampaignFigure:
 DESCRIBED = Path(__file__).with_name("figures.yaml")
 FIGURES = {
     place.removeprefix("figures/"): CampaignFigure(**entry)
-    for place, entry in own_yaml(DESCRIBED).items()
+    for place, entry in package_yaml(DESCRIBED).items()
 }
 # kinds of `curve` in Fig. 7
 OBSERVED = "observed"

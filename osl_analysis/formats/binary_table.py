@@ -104,9 +104,11 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     layout = source or LISTING
     table = table_of_text(Text(text.encode(), is_ended=True), layout)
     remarks = [*table.remarks]
-    others = [name for name, sheet in sheets.items() if name != largest and sheet.height]
-    if others:
-        remarks.append(f"sheet '{largest}' is read, the largest; not read: {listing(others)}")
+    unread_sheets = [name for name, sheet in sheets.items() if name != largest and sheet.height]
+    if unread_sheets:
+        remarks.append(
+            f"sheet '{largest}' is read, the largest; not read: {listing(unread_sheets)}"
+        )
     table = replace(table, end=End.WHOLE, remarks=remarks)
     return recording_of_table(
         "table", table, layout, noun="row", facts={"rows": len(table.lines), "sheet": largest}
@@ -117,13 +119,13 @@ def _recording_of_frame(frame: pl.DataFrame, end: End = End.WHOLE) -> Recording:
     """Make a channel of each column of numbers, times and text."""
     kinds = selectors.float() | selectors.integer() | selectors.boolean()
     readable = frame.select(kinds | selectors.string() | selectors.temporal())
-    others = [name for name in frame.columns if name not in readable.columns]
+    unread_columns = [name for name in frame.columns if name not in readable.columns]
     table = Table(
         names=readable.columns,
         units=[name_and_unit(name)[1] for name in readable.columns],
         lines=np.arange(1, frame.height + 1),
         body=readable,
-        remarks=remarks_on(others, readable.is_empty()),
+        remarks=remarks_on(unread_columns, readable.is_empty()),
         end=end,
     )
     return recording_of_table("table", table, LISTING, noun="row", facts={"rows": frame.height})
@@ -153,11 +155,13 @@ def _frame_of_objects(path: Path) -> pl.DataFrame:
     return frame_of(rows)
 
 
-def remarks_on(others: Sequence[str], are_all: bool) -> list[str]:
+def remarks_on(unread_columns: Sequence[str], are_all: bool) -> list[str]:
     """Say what of a file is not read. Raises InputError: it is all of it."""
     if are_all:
         raise InputError("holds no column of numbers", "name a recording")
-    return [f"not read, as they are no columns of numbers: {listing(others)}"] if others else []
+    if not unread_columns:
+        return []
+    return [f"not read, as they are no columns of numbers: {listing(unread_columns)}"]
 
 
 def check_hdf5(path: Path) -> list[str]:
@@ -212,7 +216,7 @@ def recording_of_variables(
     """Make a channel of each vector and each column of a matrix, with its address under a key of
     the source file. Few numbers, such as a rate, become notes."""
     notes = []
-    others = []
+    unread_variables = []
     channels = []
     rows_by_place: dict[tuple[str, int], Rows] = {}
     for variable in variables:
@@ -221,10 +225,10 @@ def recording_of_variables(
         if numbers is not None and numbers.size < FEWEST_OF_SIGNAL:
             notes.append(f"{variable.address}={' '.join(map(str, numbers.flat))}")
         elif not lines:
-            others.append(variable.address)
-        own_name = variable.address.removeprefix(variable.group).removeprefix(".")
+            unread_variables.append(variable.address)
+        name_in_group = variable.address.removeprefix(variable.group).removeprefix(".")
         for place, values in lines.items():
-            title = variable.label or place or own_name
+            title = variable.label or place or name_in_group
             name, unit = name_and_unit(title)
             if variable.label:
                 name += place
@@ -240,7 +244,7 @@ def recording_of_variables(
                     unit=variable.unit or unit,
                 )
             )
-    remarks = remarks_on(others, not channels)
+    remarks = remarks_on(unread_variables, not channels)
     most = max((channel.rows.count for channel in channels), default=0)
     loss = Loss(most, most, remarks=remarks)
     return Recording(format_name, channels, loss, notes=notes, facts={"rows": most})

@@ -45,7 +45,7 @@ from osl_analysis.base.source_file import (
 from osl_analysis.base.trial import Array
 from osl_analysis.base.units import LengthUnit
 from osl_analysis.base.yaml_settings import Settings, check_distinct, misplaced
-from osl_analysis.formats.text_cells import decoded, of_length
+from osl_analysis.formats.text_cells import decoded, padded_to
 
 BLOCK_BYTES = 512  # bytes
 HEADER_WORDS = 65536  # numbers of 16 bits, in which the header counts
@@ -378,8 +378,8 @@ def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
 
 def _scaled(analogs: Array, header: Header) -> Array:
     scales = header.numbers("ANALOG:SCALE")
-    scale = np.array(of_length(header.channels, scales, math.nan if scales.size else 1.0))
-    offset = np.array(of_length(header.channels, header.numbers("ANALOG:OFFSET"), 0.0))
+    scale = np.array(padded_to(header.channels, scales, math.nan if scales.size else 1.0))
+    offset = np.array(padded_to(header.channels, header.numbers("ANALOG:OFFSET"), 0.0))
     if "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]:
         offset %= HEADER_WORDS
         if header.are_integers:
@@ -438,8 +438,8 @@ def plate_of(
         if geometry.calibration:
             calibration = np.array(geometry.calibration)
         recording = Recording("c3d", channels)
-        found = [recording.find({"channel": label}) for label in geometry.channels]
-        analogs = [channels.index(channel) + 1 for channel in found]
+        plate_channels = [recording.find({"channel": label}) for label in geometry.channels]
+        analogs = [channels.index(channel) + 1 for channel in plate_channels]
     else:
         kind = int(_plate_parameter(header, "TYPE", number))
         if kind == EXPORTED or kind not in MEASURED_BY_TYPE:
@@ -498,10 +498,10 @@ def plates_of(
     questions = []
     numbered = enumerate(channels, 1)
     alike = [place for place, channel in numbered if PLATE_LABEL.search(channel.name)]
-    of_plate = alike[: len(MEASURED_BY_TYPE[2])]
-    state_plate = STATE_PLATE.format(numbers=of_plate)
-    if not count and len(of_plate) == len(MEASURED_BY_TYPE[2]):
-        names = [channels[place - 1].name for place in of_plate]
+    plate_numbers = alike[: len(MEASURED_BY_TYPE[2])]
+    state_plate = STATE_PLATE.format(numbers=plate_numbers)
+    if not count and len(plate_numbers) == len(MEASURED_BY_TYPE[2]):
+        names = [channels[place - 1].name for place in plate_numbers]
         questions.append(
             f"channels such as {listing(names)} look like those of a force plate, but the file has"
             f" no FORCE_PLATFORM and where it lies is not known; {state_plate}"
@@ -555,12 +555,12 @@ def files_of_trial(path: Path) -> list[Path]:
 
 def read(path: Path, source: C3dSource | None) -> Recording:
     """Read a C3D file with those beside it. Frame 0 and analog sample 0 are at 0 s."""
-    _, *others = files_of_trial(path)
-    if not others:
+    _, *other_files = files_of_trial(path)
+    if not other_files:
         return read_file(path, source)
     without_plates = source.model_copy(update={"plates": ()}) if source is not None else None
     recording = read_file(path, without_plates)
-    for file in others:
+    for file in other_files:
         with naming(file):
             recording = with_plates_of(recording, read_file(file, source))
     return recording
@@ -575,12 +575,14 @@ def with_plates_of(markers: Recording, forces: Recording) -> Recording:
         They are of other frames, or the first has plates of its own.
     """
     same = ("frames", "first_frame", "frame_rate_hz")
-    its, others = ({name: file.facts[name] for name in same} for file in (forces, markers))
-    if its != others or markers.plates:
+    force_frames = {name: forces.facts[name] for name in same}
+    marker_frames = {name: markers.facts[name] for name in same}
+    if force_frames != marker_frames or markers.plates:
         raise InputError(
-            f"has frames {its['first_frame']:g} on, {its['frames']} at {its['frame_rate_hz']:g} Hz,"
-            f" the markers beside it {others['first_frame']:g} on, {others['frames']} at"
-            f" {others['frame_rate_hz']:g} Hz, and {len(markers.plates)} plates",
+            f"has frames {force_frames['first_frame']:g} on, {force_frames['frames']} at"
+            f" {force_frames['frame_rate_hz']:g} Hz, the markers beside it"
+            f" {marker_frames['first_frame']:g} on, {marker_frames['frames']} at"
+            f" {marker_frames['frame_rate_hz']:g} Hz, and {len(markers.plates)} plates",
             "export both of the same frames, or rename one if they are of two trials",
         )
     analogs = [channel for channel in forces.channels if channel.kind == Kind.SIGNAL]
@@ -605,7 +607,7 @@ def read_file(path: Path, source: C3dSource | None) -> Recording:
     check_file_size(data, header)
     points, analogs = frames_of(data, header)
     labels = header.texts("POINT:LABELS")[: header.points]
-    analog_labels = of_length(header.channels, header.texts("ANALOG:LABELS"), "")
+    analog_labels = padded_to(header.channels, header.texts("ANALOG:LABELS"), "")
     analog_labels = [label or f"analog {place}" for place, label in enumerate(analog_labels, 1)]
     remarks = []
     fast_rate_hz = header.rate_hz * header.samples_per_frame
@@ -626,7 +628,7 @@ def read_file(path: Path, source: C3dSource | None) -> Recording:
         kind = Kind.MODEL_OUTPUT if is_output else Kind.MARKER
         unit = "" if is_output else header.length_unit
         channels.append(Channel({"label": label}, slow, read_points, name, unit=unit, kind=kind))
-    units = of_length(header.channels, header.texts("ANALOG:UNITS"), "")
+    units = padded_to(header.channels, header.texts("ANALOG:UNITS"), "")
     analog_channels = []
     for label, unit, samples in zip(analog_labels, units, analogs[: fast.count].T, strict=True):
         read_samples = partial(np.asanyarray, samples)

@@ -547,18 +547,18 @@ def stamps_in_two_columns(channels: Sequence[Channel], body: pl.DataFrame) -> li
     `ros2 topic echo --csv` writes a stamp: the rest begins anew where the seconds rise."""
     clocks = []
     whole = [_whole_numbers(cells) for cells in body]
-    for place, (seconds, rest) in enumerate(pairwise(whole)):
-        if seconds is None or rest is None or rest.size < 2 or rest.min() < 0:
+    for place, (seconds, subseconds) in enumerate(pairwise(whole)):
+        if seconds is None or subseconds is None or subseconds.size < 2 or subseconds.min() < 0:
             continue
-        ticks = next((ticks for ticks in PARTS_OF_SECOND if ticks > rest.max()), 0)
+        ticks = next((ticks for ticks in PARTS_OF_SECOND if ticks > subseconds.max()), 0)
         rises = np.diff(seconds)
-        falls = np.diff(rest) < 0
-        goes_on = bool(ticks) and bool((np.diff(seconds * ticks + rest) >= 0).all())
+        falls = np.diff(subseconds) < 0
+        goes_on = bool(ticks) and bool((np.diff(seconds * ticks + subseconds) >= 0).all())
         is_named = bool(REST_OF_STAMP.search(channels[place + 1].name))
         if not goes_on or not ((rises > 0) == falls).all() or not (falls.any() or is_named):
             continue
         name = f"{channels[place].key} + {channels[place + 1].key}"
-        stamps_ns = seconds * SECOND_NS + rest * (SECOND_NS // ticks)
+        stamps_ns = seconds * SECOND_NS + subseconds * (SECOND_NS // ticks)
         clocks.append(
             replace(
                 channels[place],

@@ -170,12 +170,13 @@ def read(path: Path, source: TrcSource | None) -> Recording:
     header = dict(zip([key.casefold() for key in keys], values, strict=False))
     frames = rows[HEADER_LINES:]
     check_last_line(text.is_ended, frames)
-    stated = header.get("numframes", "")
+    stated_frames = header.get("numframes", "")
     rate = header.get("datarate", "")
-    are_numbers = is_number_cell(stated) and is_number_cell(rate)
-    if not are_numbers or float(stated) != len(frames) or float(rate) <= 0:
+    are_numbers = is_number_cell(stated_frames) and is_number_cell(rate)
+    if not are_numbers or float(stated_frames) != len(frames) or float(rate) <= 0:
         raise InputError(
-            f"its header says NumFrames {shortened(stated)!r} and DataRate {shortened(rate)!r},"
+            f"its header says NumFrames {shortened(stated_frames)!r} and DataRate"
+            f" {shortened(rate)!r},"
             f" and the file holds {len(frames)} rows: its end is missing, or the header is wrong",
             CORRECT,
         )

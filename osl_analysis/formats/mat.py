@@ -76,7 +76,7 @@ class MatSource(TableSource):
     """Address of the struct or cell that holds the trial, where there are several; the sample
     sheet's replaces it."""
 
-    def of_part(self, part: str) -> "MatSource":
+    def for_part(self, part: str) -> "MatSource":
         """The source file for one part, as the sample sheet names it."""
         return self.model_copy(update={"log_part": part}) if part else self
 
@@ -228,10 +228,11 @@ def _find(
     whole = COLUMN.sub("", address)
     if whole in variables:
         raise _refusal(variables[whole])
-    others = [other for other in variables if other.startswith(address)] or [*variables]
+    similar_names = [name for name in variables if name.startswith(address)] or [*variables]
     raise InputError(
         f"nothing stands at '{address}'",
-        f"the file has {listing(others)}{nearest(address, others)}; correct it, state the rate"
+        f"the file has {listing(similar_names)}{nearest(address, similar_names)}; correct it, state"
+        " the rate"
         " if it is that of time, as `time: {rate: HZ}`, or if one of these holds it, name that"
         " one as `log_part`, in the sample sheet where it differs from trial to trial",
     )

@@ -28,7 +28,7 @@ from osl_analysis.formats.text_cells import (
     delimiter_of,
     is_number_cell,
     numbered,
-    of_length,
+    padded_to,
     read_text,
     split_rows,
     unpadded,
@@ -92,7 +92,7 @@ def _section_of(rows: Sequence[TextRow], decimal: str) -> Section:
             "export the trial again, or without it",
         )
     components = unpadded(rows[3].cells)
-    above, units = (of_length(len(components), row.cells, "") for row in (rows[2], rows[4]))
+    above, units = (padded_to(len(components), row.cells, "") for row in (rows[2], rows[4]))
     # of every column: the one above it, or else the nearest to the left
     names: list[str] = [*accumulate(above, lambda left, name: name or left)]
     return Section(title, float(rate), samples, names, components, units, decimal)

@@ -19,7 +19,7 @@ from osl_analysis.formats.text_cells import (
     check_last_line,
     is_number_cell,
     numbered,
-    of_length,
+    padded_to,
     read_text,
     split_rows,
 )
@@ -51,14 +51,14 @@ def read(path: Path, source: OptitrackSource | None) -> Recording:
             f" '{shortened(keys.get('Length Units', ''))}'",
             "export it again, with its header",
         )
-    stated = keys.get("Total Exported Frames", "")
-    if is_number_cell(stated) and float(stated) != len(frames):
+    stated_frames = keys.get("Total Exported Frames", "")
+    if is_number_cell(stated_frames) and float(stated_frames) != len(frames):
         raise InputError(
-            f"its first line states {stated} frames, and it holds {len(frames)}",
+            f"its first line states {stated_frames} frames, and it holds {len(frames)}",
             "copy or export it again",
         )
     width = len(rows[first].cells)
-    above = [of_length(width, row.cells, "") for row in rows[1:first]]
+    above = [padded_to(width, row.cells, "") for row in rows[1:first]]
     kinds, names, *_, quantities = above
     is_marker = [
         kind in MARKERS and quantity == "Position"

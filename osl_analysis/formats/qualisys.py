@@ -126,11 +126,11 @@ def read_tsv(path: Path, source: QualisysSource | None) -> Recording:
     """Read an export in TSV with the files beside it. Its first frame is at 0 s."""
     keys, frames = keys_and_rows(path)
     labels = keys.get("MARKER_NAMES", [])
-    stated = number_of(keys, "NO_OF_FRAMES")
-    if not labels or stated != len(frames):
+    stated_frames = number_of(keys, "NO_OF_FRAMES")
+    if not labels or stated_frames != len(frames):
         raise InputError(
             f"has {len(labels)} names under MARKER_NAMES and {len(frames)} frames, and states"
-            f" {stated:g}",
+            f" {stated_frames:g}",
             "export the trial again, in 3D",
         )
     width = max(len(unpadded(row.cells)) for row in frames)

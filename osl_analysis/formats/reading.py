@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.base.errors import InputError, naming, on_one_line, shortened
-from osl_analysis.base.files import PACKAGE, own_yaml
+from osl_analysis.base.files import PACKAGE, package_yaml
 from osl_analysis.base.recording import Format, Recording
 from osl_analysis.formats.text_cells import decoded
 
@@ -54,7 +54,7 @@ def formats_of(path: Path) -> list[Format]:
     return [known for known in known_formats().values() if known.begins(begin)]
 
 
-def recognise(path: Path, stated: str = "") -> Format:
+def recognise(path: Path, stated_format: str = "") -> Format:
     """Tell the format of a file by its first bytes.
 
     `stated` is the format that its source file names, which may be one of several that fit.
@@ -72,11 +72,15 @@ def recognise(path: Path, stated: str = "") -> Format:
             f"export it as one of {', '.join(known_formats())}, or name the recording itself",
         )
     is_any_text = formats[0].is_any_text  # what begins as a special format is no other text
-    of_name = [one for one in formats if one.name == stated and one.is_any_text <= is_any_text]
-    likely = [*of_name, *formats][0]
-    if stated not in ("", likely.name):
+    named_formats = [
+        known_format
+        for known_format in formats
+        if known_format.name == stated_format and known_format.is_any_text <= is_any_text
+    ]
+    likely = [*named_formats, *formats][0]
+    if stated_format not in ("", likely.name):
         raise InputError(
-            f"is {likely.name}, its source file says {stated}",
+            f"is {likely.name}, its source file says {stated_format}",
             f"write `format: {likely.name}`, or name another source file or recording in the sheet",
         )
     return likely
@@ -144,6 +148,6 @@ def refuse_others(path: Path, formats: Sequence[Format]) -> None:
             "the file is empty",
             "copy or record it again, or exclude the trial in the sheet",
         )
-    for name, other in own_yaml(Path(__file__).with_name("not_read.yaml")).items():
-        if re.search(other["begins"], decoded(begin), re.MULTILINE | re.IGNORECASE):
-            raise InputError(f"{name}, which is not read", other["instead"])
+    for name, description in package_yaml(Path(__file__).with_name("not_read.yaml")).items():
+        if re.search(description["begins"], decoded(begin), re.MULTILINE | re.IGNORECASE):
+            raise InputError(f"{name}, which is not read", description["instead"])

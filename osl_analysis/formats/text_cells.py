@@ -207,7 +207,7 @@ def unpadded(cells: Sequence[str], width: int = 0) -> list[str]:
     return kept
 
 
-def of_length(length: int, values: Iterable[Any], filling: Any) -> list[Any]:
+def padded_to(length: int, values: Iterable[Any], filling: Any) -> list[Any]:
     """The first values, with others for those that lack."""
     return [*values, *[filling] * length][:length]
 
@@ -385,10 +385,10 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64]:
         fraction_ns.fill_null(matlab_ns.round().cast(pl.Int64)),
         pl.col("half").str.to_lowercase(),
     ).fill_null(0)
-    of_half = pl.col("hours") % 12 + 12 * (pl.col("half") == "p")
+    hours_of_day = pl.col("hours") % 12 + 12 * (pl.col("half") == "p")
     since_midnight = pl.duration(
         days="days",
-        hours=of_half.fill_null(pl.col("hours")),
+        hours=hours_of_day.fill_null(pl.col("hours")),
         minutes="minutes",
         seconds="seconds",
         nanoseconds="fraction",

@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 from polars import selectors
 
 from osl_analysis.base.errors import InputError, on_one_line, optional_module, quoted, shortened
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Rows
 from osl_analysis.formats.message_layout import MOST_ELEMENTS, Layout, definition_of, rows_at
 from osl_analysis.formats.reading import is_of_file
 
-ROS_UNITS = own_yaml(Path(__file__).with_name("ros_units.yaml"))
+ROS_UNITS = package_yaml(Path(__file__).with_name("ros_units.yaml"))
 """Units of standard messages (REP 103) by the beginning of the field. They are likely and no more:
 a laboratory's effort may be a current, and a joint that slides has other ones."""
 MOST_FIELDS = 2000  # of objects; a robot has some hundred, and each is a column
@@ -189,8 +189,8 @@ class Topic:
         columns = {column.name: column for column in frame_of(objects)}
         self.listed.update(dict.fromkeys(columns))
         wanted = columns if self.wanted is None else self.wanted
-        own = {path: column for path, column in columns.items() if path in wanted}
-        yield np.array(places, np.int64), "", own
+        wanted_columns = {path: column for path, column in columns.items() if path in wanted}
+        yield np.array(places, np.int64), "", wanted_columns
 
     def _note(self, error: Exception) -> None:
         """Note why messages are lost; a fault of this program is raised."""
@@ -272,13 +272,13 @@ class Topic:
     def _whole_stamps(self, parts: Sequence[str]) -> Any:
         """Stamps [ns] (messages,) of seconds and nanoseconds, masked where one is; refused if they
         are no whole numbers."""
-        seconds, rest = map(self.column, parts)
-        for path, values in zip(parts, (seconds, rest), strict=True):
+        seconds, nanoseconds = map(self.column, parts)
+        for path, values in zip(parts, (seconds, nanoseconds), strict=True):
             if values.dtype.kind not in "iu":
                 raise InputError(
                     f"field '{path}' has values that are no whole numbers", "name another time"
                 )
-        return SECOND_NS * seconds.astype(np.int64) + rest
+        return SECOND_NS * seconds.astype(np.int64) + nanoseconds
 
 
 def column_types(part: Mapping[str, Any]) -> list[tuple[str, Any]]:
@@ -300,7 +300,7 @@ def frame_of_parts(parts: Sequence[Mapping[str, Any]]) -> pl.DataFrame:
 
 def stamp_fields(path: str) -> list[tuple[str, str]]:
     """Paths of the seconds and nanoseconds of a stamp, as programs call them."""
-    return [(f"{path}.{seconds}", f"{path}.{rest}") for seconds, rest in STAMP_PARTS]
+    return [(f"{path}.{seconds}", f"{path}.{nanoseconds}") for seconds, nanoseconds in STAMP_PARTS]
 
 
 def frame_of(objects: Sequence[Mapping[str, Any]]) -> pl.DataFrame:

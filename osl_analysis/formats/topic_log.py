@@ -55,10 +55,10 @@ class TopicLog:
         shape (messages,)."""
         content, starts, lengths = messages
         for channel in np.flatnonzero(np.bincount(channels)).tolist():
-            own = np.flatnonzero(channels == channel)
+            places = np.flatnonzero(channels == channel)
             if channel in self.topic_of:
-                of_channel = (content, starts[own], lengths[own])
-                self.topic_of[channel].add(of_channel, log_times_ns[own], channel)
+                channel_messages = (content, starts[places], lengths[places])
+                self.topic_of[channel].add(channel_messages, log_times_ns[places], channel)
 
     @property
     def read(self) -> Counter[str]:
@@ -88,8 +88,8 @@ class TopicLog:
             if not topic.is_wanted:
                 continue
             if topic.lost:
-                of_topic = declared[topic.name] or topic.count
-                by_topic[topic.name] = (len(topic.table), of_topic)
+                expected = declared[topic.name] or topic.count
+                by_topic[topic.name] = (len(topic.table), expected)
                 self.remarks.append(
                     f"{topic.lost} of {topic.count} messages of topic '{topic.name}' are lost:"
                     f" {topic.reason}"
@@ -146,7 +146,7 @@ def _wanted_fields(source: MessageSource) -> dict[str, dict[str, None]]:
         stamps = [path for parts in stamp_fields(source.time.field) for path in parts]
     wanted: dict[str, dict[str, None]] = {}  # in their order, each once
     for channel in source.channels.values():
-        beside = channel.field.replace("position", "velocity")
-        paths = filter(None, (channel.field, channel.counter, beside, *stamps))
+        velocity_path = channel.field.replace("position", "velocity")
+        paths = filter(None, (channel.field, channel.counter, velocity_path, *stamps))
         wanted.setdefault(channel.topic, {}).update(dict.fromkeys(paths))
     return wanted

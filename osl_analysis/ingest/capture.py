@@ -24,7 +24,7 @@ from osl_analysis.ingest.conversion import (
     origin_of,
     to_si,
 )
-from osl_analysis.ingest.force_plates import convert_plates, metres_per, own_axes
+from osl_analysis.ingest.force_plates import convert_plates, force_axes, metres_per
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         A channel is missing or occurs twice, a unit or a plate is wrong, or there is nothing to
         read.
     """
-    markers, of_frames, origins = convert_markers(recording, source)
+    markers, frame_columns, origins = convert_markers(recording, source)
     used = [*markers]
     baseline = baseline_frames(recording, source)
     unloaded = None
@@ -61,7 +61,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         per_frame = recording.facts["samples_per_frame"]
         unloaded = slice((baseline[0] - 1) * per_frame, baseline[1] * per_frame)
     loads = convert_plates(recording.plates, source, unloaded)
-    of_samples: dict[str, Any] = loads.samples.to_dict()
+    sample_columns: dict[str, Any] = loads.samples.to_dict()
     origins.update(loads.origins)
     if isinstance(source, LaboratorySource):
         used += [channel for plate in recording.plates for channel in plate.channels]
@@ -70,14 +70,14 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
             # in the unit of the source file and never in that of the file, which may misstate it
             values = channel.values[:, AXES.index(output.component)]
             origin = origin_of(output, column)
-            of_frames[column] = to_si(output, values, origin["factor"])
+            frame_columns[column] = to_si(output, values, origin["factor"])
             origins[column] = origin
             used.append(channel)
         for column, setting in source.analogs.items():
             channel = recording.find(setting.address, f"analog {setting.ADDRESS}")
             with naming(column, f", as {source.place('analogs', column, 'unit')}"):
                 origin = origin_of(setting, column, channel.unit)
-            of_samples[column] = to_si(setting, channel.values, origin["factor"])
+            sample_columns[column] = to_si(setting, channel.values, origin["factor"])
             origins[column] = origin
             used.append(channel)
     if not used:
@@ -86,9 +86,9 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
             " or model output",
             "name what to read in the source file, or export the trial again with it",
         )
-    samples = joined(of_frames, of_samples, [channel.rows for channel in used])
+    samples = joined(frame_columns, sample_columns, [channel.rows for channel in used])
     for column in getattr(source, "analogs", ()):
-        check_finite_values(column, of_samples[column], samples["time"].to_numpy())
+        check_finite_values(column, sample_columns[column], samples["time"].to_numpy())
     facts = {
         **recording.facts,
         "axes": source.axes,
@@ -157,14 +157,14 @@ def baseline_frames(recording: Recording, source: MarkerSource) -> tuple[int, in
 
 
 def joined(
-    of_frames: dict[str, Array], of_samples: dict[str, Array], used_rows: Sequence[Rows]
+    frame_columns: dict[str, Array], sample_columns: dict[str, Array], used_rows: Sequence[Rows]
 ) -> pl.DataFrame:
     """One table of frames and samples: frame 0 and sample 0 are at 0 s."""
     rates = np.array([rows.rate_hz for rows in used_rows], float)
     number = np.arange(used_rows[int(rates.argmax())].count)
-    rows = pl.DataFrame({"number": number, "time": number / rates.max(), **of_samples})
+    rows = pl.DataFrame({"number": number, "time": number / rates.max(), **sample_columns})
     per_frame = round(rates.max() / rates.min())
-    frames = pl.DataFrame({"number": number[::per_frame], **of_frames})
+    frames = pl.DataFrame({"number": number[::per_frame], **frame_columns})
     return rows.join(frames, on="number", how="left", maintain_order="left").drop("number")
 
 
@@ -174,7 +174,7 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate]) -> str:
 
     Empty where nothing tells: plates slope, markers are few, or they stay where they are.
     """
-    normals = np.abs([own_axes(plate.corners)[:, 2] for plate in plates])
+    normals = np.abs([force_axes(plate.corners)[:, 2] for plate in plates])
     if normals.size:
         normal = normals.mean(axis=0)
         return "xyz"[np.argmax(normal)] if normal.max() > VERTICAL_AXIS.least_level else ""
@@ -182,9 +182,9 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate]) -> str:
     if len(whole) < 4:
         return ""
     positions = np.stack(whole, axis=1)
-    apart = np.median(positions, axis=0).std(axis=0)
+    spread = np.median(positions, axis=0).std(axis=0)
     moved = np.median(positions.std(axis=0), axis=0)
     # along a vertical axis the markers move by less than half of what lies between them
-    vertical = np.argmax(apart)
-    walks = moved.max() > VERTICAL_AXIS.least_moved * apart[vertical]
-    return "xyz"[vertical] if walks and moved[vertical] < 0.5 * apart[vertical] else ""
+    vertical = np.argmax(spread)
+    walks = moved.max() > VERTICAL_AXIS.least_moved * spread[vertical]
+    return "xyz"[vertical] if walks and moved[vertical] < 0.5 * spread[vertical] else ""

@@ -114,9 +114,11 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
         Too few agree, or half as many on another offset.
     """
     sampling = 2.0 * (slave.step + master.step)
-    of_master = scipy.spatial.KDTree(intervals_behind(master))
-    apart, row = of_master.query(intervals_behind(slave), p=np.inf, distance_upper_bound=sampling)
-    is_alike = np.isfinite(apart)
+    master_tree = scipy.spatial.KDTree(intervals_behind(master))
+    distance, row = master_tree.query(
+        intervals_behind(slave), p=np.inf, distance_upper_bound=sampling
+    )
+    is_alike = np.isfinite(distance)
     ours = slave.time[:-2][is_alike]
     theirs = master.time[np.asarray(row)[is_alike]]
     offsets = theirs - ours

@@ -69,7 +69,7 @@ def convert_plates(
             length = length_of_all or plate.length_unit
             metre = metres_per(length, source)
             corners = plate.corners * metre
-            if not np.isfinite(own_axes(corners)).all():
+            if not np.isfinite(force_axes(corners)).all():
                 raise InputError("its corners span no plane", "correct them")
             raw = np.column_stack([channel.values for channel in plate.channels]).astype(float)
             rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
@@ -102,7 +102,7 @@ def convert_plates(
 
 def to_newtons(plate: Plate, units: PlateUnits | None, length: str) -> Array:
     """Matrix (channels, quantities) by which the readings of a plate become N, N*m and m."""
-    stated = {"N": units.force, "N*m": units.moment, "m": units.length} if units else {}
+    stated_units = {"N": units.force, "N*m": units.moment, "m": units.length} if units else {}
     calibrated = {"N": "N", "N*m": f"N*{length}"} if plate.calibration is not None else {}
     about_lengths = ", length: mm" if plate.type == 1 else ""
     remedy = (
@@ -113,7 +113,7 @@ def to_newtons(plate: Plate, units: PlateUnits | None, length: str) -> Array:
         remedy += ", or for channels in V the `calibration` of type 4 or 5 under `plate_geometry`"
     factors = []
     for channel, quantity in zip(plate.channels, MEASURED_BY_TYPE[plate.type], strict=False):
-        unit = stated.get(quantity) or calibrated.get(quantity) or channel.unit
+        unit = stated_units.get(quantity) or calibrated.get(quantity) or channel.unit
         with naming(f"analog channel '{channel.key}'", remedy):
             factors.append(si_factor(unit, quantity))
     mixing = np.eye(len(factors)) if plate.calibration is None else plate.calibration.T
@@ -146,7 +146,7 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
     if kind == EXPORTED:
         about = channels[:, 6:] if has_point(channels) else origin
         return force, moment + np.cross(about - np.mean(corners, axis=0), force)
-    axes = own_axes(corners)
+    axes = force_axes(corners)
     # from the plate's origin to the surface's centre: the origin lies under the surface and z
     # points down, so z is negative; a file with a positive z stores the opposite vector
     centre = -origin if origin[2] > 0 else origin
@@ -206,7 +206,7 @@ def metres_per(unit: str, source: Source) -> float:
         return si_factor(unit, "m")
 
 
-def own_axes(corners: Array) -> Array:
+def force_axes(corners: Array) -> Array:
     """Find the axes in which a plate reports its force.
 
     Parameters
@@ -231,13 +231,13 @@ def own_axes(corners: Array) -> Array:
 def plate_axes(corners: Array) -> Array:
     """Find axes along a plate's edges, (3, 3) as columns, with z up; x and y may point either way.
 
-    A plate's own z points down in many laboratories (`own_axes`).
+    A plate's own z points down in many laboratories (`force_axes`).
     """
-    axes = own_axes(corners)
+    axes = force_axes(corners)
     return axes if axes[2, 2] >= 0 else axes * [1.0, -1.0, -1.0]
 
 
-def beside(points: Array, corners: Array) -> Array:
+def distance_from_plate(points: Array, corners: Array) -> Array:
     """Find how far points lie beside the plate.
 
     Parameters

@@ -58,7 +58,7 @@ class PossibleRecording:
     smallest_motion_rad: float = 0.0087
     shortest_step_s: float = 1e-5  # [s]; no recorder of a joint is faster than 100 kHz
     # share of its range that an angle jumps where an encoder begins anew
-    of_beginning_anew: float = 0.9
+    wrap_share: float = 0.9
 
 
 POSSIBLE = PossibleRecording()
@@ -139,26 +139,28 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
         return
     names = tuple(name for name in trial.columns if name in (angle, "current", "omega_m"))
     # each alone and all together, which may be sampled at different times
-    for others in dict.fromkeys([*((name,) for name in names), names]):
-        time, measured, *values = trial.arrays(torque, *others)
+    for explaining in dict.fromkeys([*((name,) for name in names), names]):
+        time, measured, *values = trial.arrays(torque, *explaining)
         if time.size < COMPUTED_TORQUE.fewest_compared:
             continue
         least = COMPUTED_TORQUE.least_of_sensor
-        signals = dict(zip(others, values, strict=True))
+        signals = dict(zip(explaining, values, strict=True))
         sums = sums_of_formula(time, measured, signals)
         # a load cell has noise of its own, and a simulated joint none
         noise = np.float64(noise_of(measured, COMPUTED_TORQUE.order_of_noise)) / np.std(measured)
-        of_noise = unexplained_share(rows_of_filter(measured, values)) / min(noise, least)
-        of_current = 1.0
+        share_of_noise = unexplained_share(rows_of_filter(measured, values)) / min(noise, least)
+        share_by_current = 1.0
         if "current" in signals:
-            of_current = unexplained_share(rows_of_current(time, measured, signals, angle or ""))
+            share_by_current = unexplained_share(
+                rows_of_current(time, measured, signals, angle or "")
+            )
         least_of_current = max(
             COMPUTED_TORQUE.least_beside_current, COMPUTED_TORQUE.least_of_own_noise * noise
         )
-        is_formula = unexplained_share(sums) < least or of_current < least_of_current
-        if is_formula or of_noise < COMPUTED_TORQUE.least_of_noise:
+        is_formula = unexplained_share(sums) < least or share_by_current < least_of_current
+        if is_formula or share_of_noise < COMPUTED_TORQUE.least_of_noise:
             raise InputError(
-                f"trial {trial.name}: {torque} follows from {' and '.join(others)} more exactly"
+                f"trial {trial.name}: {torque} follows from {' and '.join(explaining)} more exactly"
                 " than a sensor's noise allows: it is computed, not measured, and a fit gives the"
                 " formula back",
                 f"name the channel of a load cell as {torque} in the source file, or state"
@@ -217,13 +219,13 @@ def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:
 def unexplained_share(columns: Array) -> float:
     """What other columns leave of the first one, (columns, n), in most rows, as a share of its SD;
     1 if too short to tell."""
-    y, *others = columns[:, np.isfinite(columns).all(axis=0)]
-    X = np.column_stack(others)
+    y, *explaining = columns[:, np.isfinite(columns).all(axis=0)]
+    X = np.column_stack(explaining)
     if len(y) < COMPUTED_TORQUE.fewest_compared or not varies(y):
         return 1.0
     X = X / (np.abs(X).max(axis=0) + SMALLEST_SIGNAL)
-    rest = y - X @ np.linalg.lstsq(X, y)[0]
-    return float(np.quantile(np.abs(rest), COMPUTED_TORQUE.most_rows) / np.std(y))
+    residual = y - X @ np.linalg.lstsq(X, y)[0]
+    return float(np.quantile(np.abs(residual), COMPUTED_TORQUE.most_rows) / np.std(y))
 
 
 @np.errstate(all="ignore")  # values of damaged files may be of any size
@@ -341,7 +343,7 @@ def changes_of_angle(
 ) -> Sequence[Change]:
     """What may mend an angle beyond the largest. None does where it begins anew."""
     turned = recorded(trial, angle)[1]
-    if np.abs(np.diff(turned)).max() > POSSIBLE.of_beginning_anew * np.ptp(turned):
+    if np.abs(np.diff(turned)).max() > POSSIBLE.wrap_share * np.ptp(turned):
         return ()
     if 0 < half_range(trial, torque) < largest_angle:
         return swapped_channels(trial, angle, torque)
@@ -353,17 +355,17 @@ def changes_of_angle(
 def swapped_channels(trial: Trial, angle: str, torque: str) -> list[Change]:
     """The changes that exchange the channels of two columns, each of which keeps its unit; then
     with an angle in deg. The units are named: a swapped name may end in another one."""
-    of_angle = {"unit": "rad", "factor": 1, **origin(trial, angle)}
-    of_torque = {"unit": "N*m", "factor": 1, **origin(trial, torque)}
+    angle_origin = {"unit": "rad", "factor": 1, **origin(trial, angle)}
+    torque_origin = {"unit": "N*m", "factor": 1, **origin(trial, torque)}
     changes: list[Change] = []
-    for unit in dict.fromkeys([of_angle["unit"], "deg"]):
+    for unit in dict.fromkeys([angle_origin["unit"], "deg"]):
         words = (
             f"swap the channels of {angle} and {torque} in the source file, and state `unit:"
-            f" {unit}` of {angle} and `unit: {of_torque['unit']}` of {torque}"
+            f" {unit}` of {angle} and `unit: {torque_origin['unit']}` of {torque}"
         )
         factors = {
-            angle: si_factor(unit, "rad") / of_torque["factor"],
-            torque: si_factor(of_torque["unit"], "N*m") / of_angle["factor"],
+            angle: si_factor(unit, "rad") / torque_origin["factor"],
+            torque: si_factor(torque_origin["unit"], "N*m") / angle_origin["factor"],
         }
         changes.append(Change(words, factors, {angle: torque, torque: angle}, rank=len(changes)))
     return changes

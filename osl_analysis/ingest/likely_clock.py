@@ -237,12 +237,12 @@ def number_in(text: str) -> float:
 
 
 def span_ratio(
-    span: float, other: float, more_units: Collection[float] = LONG_TIMES.values()
+    span: float, other_span: float, more_units: Collection[float] = LONG_TIMES.values()
 ) -> float:
     """Ratio of two spans of time in unknown units: the one nearest to 1 over all units of time and
     those of `more_units` [s]."""
     units = np.array([*TIME_UNITS.values(), *more_units])
-    ratios = np.divide.outer(units, units).ravel() * span / other
+    ratios = np.divide.outer(units, units).ravel() * span / other_span
     return float(ratios[np.argmin(np.abs(np.log(ratios)))])
 
 
@@ -281,13 +281,13 @@ def check_other_clocks(
     """
     key = source.time.ADDRESS
     rate = source.time.rate
-    apart: dict[str, float] = {}
+    differences_s: dict[str, float] = {}
     remarks = []
     rates = {f"timing of '{channel.key}'": channel.rows.rate_hz for channel in asked.values()}
     rates["in words"] = stated_rate(recording.notes)
-    beside = clocks_beside(recording, source, clocks_asked, time.size, asked)
+    other_clocks = other_clocks_in(recording, source, clocks_asked, time.size, asked)
 
-    for channel, readings, steps in beside:
+    for channel, readings, steps in other_clocks:
         if clock is not None and channel.name == clock.name and channel.kind != Kind.CLOCK:
             late = np.nanmedian(np.abs(readings - numbers_of(clock)[: readings.size]))
             if late > 0.5 * np.median(steps):
@@ -301,21 +301,21 @@ def check_other_clocks(
         if rate and deviation > CLOCK.wrong_rate:
             rates[f"{key} '{channel.key}'"] = rate / ratio
         if deviation > CLOCK.apart + steps.max() / steps.sum():
-            apart[channel.key] = deviation * span / UNIFORM_WIDTH
+            differences_s[channel.key] = deviation * span / UNIFORM_WIDTH
             remarks.append(
                 f"{key} '{channel.key}' goes on {ratio:.4g} times as fast as time"
                 f" ({source.time.title}): B and I depend on which of them is right"
             )
-    for name, other in rates.items():
-        if rate and other and abs(rate / other - 1) > CLOCK.other_rate:
+    for name, file_rate in rates.items():
+        if rate and file_rate and abs(rate / file_rate - 1) > CLOCK.other_rate:
             raise InputError(
-                f"`rate: {rate:g}` of time, but the file says {other:.3g} Hz ({name})",
+                f"`rate: {rate:g}` of time, but the file says {file_rate:.3g} Hz ({name})",
                 "correct the rate, or name that clock under `time`",
             )
-    return apart, remarks
+    return differences_s, remarks
 
 
-def clocks_beside(
+def other_clocks_in(
     recording: Recording,
     source: TableSource,
     clocks_asked: Collection[Channel | None],

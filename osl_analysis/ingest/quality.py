@@ -17,7 +17,7 @@ from osl_analysis.base.errors import InputError, listing
 from osl_analysis.base.measured import UNIFORM_WIDTH, noise_of, spoiled, usual_step
 from osl_analysis.base.trial import Array, Trial, plate_columns
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
-from osl_analysis.ingest.force_plates import beside, plate_axes
+from osl_analysis.ingest.force_plates import distance_from_plate, plate_axes
 from osl_analysis.ingest.guard import ANGLES, recorded
 from osl_analysis.signals.filters import longest_of, run_edges
 from osl_analysis.signals.grid import (
@@ -150,8 +150,8 @@ def measure_clock(examined: Examined) -> dict[str, float]:
     if not clock:
         return dict(log.get("clocks_apart", {}))
     slowest_hz = min(log.get("rates_hz", {}).values(), default=math.inf)
-    of_sampling = 1 / (slowest_hz * UNIFORM_WIDTH)
-    residual = math.sqrt(max(clock["residual"] ** 2 - of_sampling**2, 0.0))
+    sampling_error_s = 1 / (slowest_hz * UNIFORM_WIDTH)
+    residual = math.sqrt(max(clock["residual"] ** 2 - sampling_error_s**2, 0.0))
     return {f"{clock['edges']} edges by {clock['method']}": residual}
 
 
@@ -162,8 +162,10 @@ def measure_damage(examined: Examined) -> CheckResult | dict[str, float]:
     for role, damage in examined.trial.provenance.get("damage", {}).items():
         remarks = "; ".join([f"{damage['lost']} lost", *damage["remarks"]])
         shares[f"{role}: {remarks}"] = 100 * damage["share_lost"]
-    told = examined.trial.provenance.get("warnings")
-    return CheckResult(0.0, "; ".join(told)) if told and not any(shares.values()) else shares
+    warnings = examined.trial.provenance.get("warnings")
+    if warnings and not any(shares.values()):
+        return CheckResult(0.0, "; ".join(warnings))
+    return shares
 
 
 def measure_truncation(examined: Examined) -> dict[str, float]:
@@ -185,12 +187,12 @@ def measure_units(examined: Examined) -> dict[str, float]:
 
 def measure_contradiction(examined: Examined) -> dict[str, float]:
     """By how much [%] a speed is not the derivative of the angle of its body."""
-    of_speeds = {}
+    deviations_percent = {}
     for column, facts in examined.trial.provenance.get("columns", {}).items():
-        for other, ratio in facts.get("speeds", {}).items():
-            both = f"of {column} and {other} the speed is {ratio:.3g} times the change of the angle"
-            of_speeds[both] = 100 * abs(ratio - 1)
-    return of_speeds
+        for speed, ratio in facts.get("speeds", {}).items():
+            both = f"of {column} and {speed} the speed is {ratio:.3g} times the change of the angle"
+            deviations_percent[both] = 100 * abs(ratio - 1)
+    return deviations_percent
 
 
 # The motion that was commanded.
@@ -404,8 +406,8 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
         leaps["torque"] = times[distances(times, faults) <= LEAPS.around_s]
     if "torque_m" in leaps:
         steps = find_leaps(*recorded(trial, "current"))
-        apart = distances(leaps["torque_m"], steps)
-        leaps["torque_m"] = leaps["torque_m"][apart > LEAPS.around_s]
+        distances_s = distances(leaps["torque_m"], steps)
+        leaps["torque_m"] = leaps["torque_m"][distances_s > LEAPS.around_s]
     every = np.sort(np.concatenate([*leaps.values(), []]))
     remedy = ""
     if every.size:
@@ -416,9 +418,9 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
     return {f"{column} leaps{remedy}": times.size for column, times in leaps.items()}
 
 
-def distances(times: Array, others: Array) -> Array:
+def distances(times: Array, other_times: Array) -> Array:
     """Of times (n,), each one's distance to the nearest of others; infinite without any."""
-    return np.abs(np.subtract.outer(times, others)).min(axis=1, initial=np.inf)
+    return np.abs(np.subtract.outer(times, other_times)).min(axis=1, initial=np.inf)
 
 
 def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array], at_rail: int) -> str:
@@ -426,10 +428,10 @@ def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array], at_ra
     stands at an end of its range leaps to it; where the angle leaps, too, rows are missing. An
     angle that leaps alone need not have lost any."""
     times = leaps.get("torque", np.empty(0))
-    of_angle = sum(len(of_column) for of_column in leaps.values()) - len(times)
-    if of_angle and times.size:
+    angle_leaps = sum(len(column_times) for column_times in leaps.values()) - len(times)
+    if angle_leaps and times.size:
         return "rows were lost or doubled"
-    if of_angle:
+    if angle_leaps:
         return "the angle froze or slipped, or rows were lost or doubled"
     if at_rail > SENSORS.at_end:
         return "the torque stands at an end of its range"
@@ -542,7 +544,7 @@ def measure_cop_outside_plates(examined: Examined) -> dict[str, float]:
     samples. The first and last samples of a stance are inexact. While a plate is turned, its own
     inertia, which the analysis takes away, moves the point far out."""
     return {
-        plate: np.percentile(beside(points, corners), 80)
+        plate: np.percentile(distance_from_plate(points, corners), 80)
         for plate, corners, points in pressed_plates(examined)
     }
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
 
 def suffixes() -> tuple[str, ...]:
     """Endings of recordings that are read."""
-    return tuple(suffix for one in known_formats().values() for suffix in one.suffixes)
+    return tuple(chain.from_iterable(known.suffixes for known in known_formats().values()))
 
 
 def recorded_files(path: Path) -> list[Path]:
@@ -44,9 +45,9 @@ def recorded_files(path: Path) -> list[Path]:
         for known in known_formats().values()
     )
     if may_have_parts and path.exists():
-        for one in formats.formats_of(path):
+        for known_format in formats.formats_of(path):
             with suppress(InputError):
-                return [*one.files_in(path)]
+                return [*known_format.files_in(path)]
     return [path]
 
 
@@ -114,15 +115,17 @@ def read_converted(path: Path, source: Source) -> Converted:
             raise
         try:  # what else is damaged, and whether all of it can be left out
             skipping = source.model_copy(update={"damaged": "skip"})
-            told = converted_as_stated(path, skipping)
+            converted = converted_as_stated(path, skipping)
         except InputError:
             raise error from None
-        damage = told.facts.get("damage", told.warnings)
+        damage = converted.facts.get("damage", converted.warnings)
         if not damage:
             raise
-        others = [text for text in damage if text not in error.reason]
+        further_damage = [text for text in damage if text not in error.reason]
         raise InputError(
-            f"{error.reason} (and: {', '.join(others)})" if others else error.reason,
+            f"{error.reason} (and: {', '.join(further_damage)})"
+            if further_damage
+            else error.reason,
             "write `damaged: skip` in the source file, which leaves all of this out, or"
             f" {error.remedy}",
             changes=error.changes,
@@ -183,11 +186,11 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     }
     recordings: dict[str, Converted] = {}
     for role, source in sources.items():
-        part = source.of_part(cells.get(f"{role}_part", ""))
+        part = source.for_part(cells.get(f"{role}_part", ""))
         recording, identity = read_raw_file(raw_folder / files[role], part)
         recordings[role] = recording
-        stated = {"path": files[role], "source": cells[f"{role}_source"]}
-        provenance["files"][role] = identity | stated
+        sheet_cells = {"path": files[role], "source": cells[f"{role}_source"]}
+        provenance["files"][role] = identity | sheet_cells
         facts = dict(recording.facts)
         provenance["plates"] += facts.pop("plates", [])
         provenance["warnings"] += [printable(text) for text in recording.warnings]
@@ -238,8 +241,8 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
     if len(files) == 1 and not path.is_dir():
         return converted, identities[0]
     together = "".join(str(part["sha256"]) for part in identities)
-    of_all = hashlib.sha256(together.encode()).hexdigest()
-    return converted, {"sha256": of_all, "parts": identities}
+    joint_digest = hashlib.sha256(together.encode()).hexdigest()
+    return converted, {"sha256": joint_digest, "parts": identities}
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:

@@ -84,8 +84,8 @@ def roles_of(cells: Collection[str]) -> tuple[str, str]:
 def check_clocks(sources: Mapping[str, Source]) -> None:
     """Refuse source files, by cell of the sheet, that do not state how the clock of a log beside
     motion capture, or of a second log, is aligned."""
-    first, other = (sources[role] for role in roles_of(sources))
-    columns = getattr(other, "channels", {}).keys()
+    first, slave = (sources[role] for role in roles_of(sources))
+    columns = getattr(slave, "channels", {}).keys()
     if "mocap" in sources:
         has_sync = "sync" in columns & getattr(first, "analogs", {}).keys()
         has_times = first.format == "trc"
@@ -93,10 +93,10 @@ def check_clocks(sources: Mapping[str, Source]) -> None:
     else:
         both = columns & getattr(first, "channels", {}).keys()
         aligns = {"sync": "sync" in both, "common": True, "start": True}
-    clock = getattr(other, "clock", "")
+    clock = getattr(slave, "clock", "")
     if not aligns.get(clock):
         raise InputError(
-            f"{other.place('clock')}: '{clock}' does not align both recordings of the trial",
+            f"{slave.place('clock')}: '{clock}' does not align both recordings of the trial",
             "record a line with pulses of changing length by both, map it as the column sync in"
             " both source files, and write clock: sync; of two logs also clock: common, if they"
             " count from one time, or clock: start, if they begin at one instant",
@@ -131,9 +131,9 @@ def joined_recordings(
         capture do not overlap.
     """
     roles = roles_of(recordings)
-    master, other = (recordings[role] for role in roles)
+    master, slave = (recordings[role] for role in roles)
     clock = getattr(sources[roles[1]], "clock", "")
-    both = [column for column in master.origins if column in other.origins]
+    both = [column for column in master.origins if column in slave.origins]
     twice = {*both} - {"sync"}
     if twice:
         raise InputError(
@@ -142,16 +142,16 @@ def joined_recordings(
         )
     remarks: list[str] = []
     if clock == "common":
-        fit = ClockFit(other.start_s - master.start_s, method=clock)
+        fit = ClockFit(slave.start_s - master.start_s, method=clock)
     elif clock == "start":
         fit = ClockFit(0.0, method=clock)
     elif "mocap" in recordings:
-        fit = aligned_clock(other, master)
+        fit = aligned_clock(slave, master)
     else:
         first = sampled(master, "sync", [*master.origins])
-        second = sampled(other, "sync", [name for name in other.origins if name != "sync"])
+        second = sampled(slave, "sync", [name for name in slave.origins if name != "sync"])
         fit = fit_clock(find_edges(*second), find_edges(*first))
-    rows = other.samples.drop(both)
+    rows = slave.samples.drop(both)
     end_s = master.samples["time"][-1]
     if "mocap" in recordings:
         time = pl.Series(fit.to_master(rows["time"].to_numpy()))

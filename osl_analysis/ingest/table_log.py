@@ -74,20 +74,20 @@ def with_own_rows(
     remarks
         A sentence for each channel with rows of its own, by column.
     """
-    own = dict(values)
+    sampled_values = dict(values)
     remarks = {}
     for column, readings in values.items():
-        is_sampled = own_samples(time, floats_of(readings))
+        is_sampled = sampled_rows(time, floats_of(readings))
         count = is_sampled.sum()
         is_slower = rows.count - count > SLOWER_CHANNEL.most_irregular * rows.count
         if is_slower and keeps_step(time[is_sampled]):
-            own[column] = np.ma.masked_array(readings, ~is_sampled)
+            sampled_values[column] = np.ma.masked_array(readings, ~is_sampled)
             step_ms = 1e3 * np.median(np.diff(time[is_sampled]))
             remarks[column] = (
                 f"{column} has a sample of its own every {step_ms:.4g} ms, in {count} of"
                 f" {rows.count} {rows.noun}s; others are blank, or lie on the line between two"
             )
-    return own, remarks
+    return sampled_values, remarks
 
 
 def keeps_step(stamps: Array) -> bool:
@@ -100,7 +100,7 @@ def keeps_step(stamps: Array) -> bool:
     return bool(off[off > 0.5 * usual].sum() <= SLOWER_CHANNEL.most_irregular * steps.sum())
 
 
-def own_samples(time: Array, values: Array) -> NDArray[np.bool_]:
+def sampled_rows(time: Array, values: Array) -> NDArray[np.bool_]:
     """Rows (n,) that are not blank, and do not change along the line between their neighbours, as
     interpolated ones do. The others must keep step: those of a coarse or smooth channel do not."""
     is_sampled = np.isfinite(values)
@@ -215,7 +215,7 @@ def convert_rows(
             f"holds one {rows.noun} of data: nothing to analyse",
             "record the trial again, or exclude it",
         )
-    apart, remarks = check_other_clocks(recording, source, clock, time, asked, clocks)
+    clock_differences_s, remarks = check_other_clocks(recording, source, clock, time, asked, clocks)
     values, at_own_rate = with_own_rows(table.values, rows, time)
 
     converted = canonical_columns(source, asked, values, rows, time, at_own_rate)
@@ -250,7 +250,7 @@ def convert_rows(
         "rates_hz": {"rows": rate_of(frame["time"].to_numpy())},
         **recording.facts,
         **loads.facts,
-        "clocks_apart": apart,
+        "clocks_apart": clock_differences_s,
         "damage": [*recording.loss.remarks, *table.remarks, *converted.remarks],
     }
     losses = losses_of(recording.loss)
@@ -397,7 +397,7 @@ def at_clock(
     is_empty = lacks
     if lacks.any() and not skips:
         is_empty = lacks & ~np.any(
-            [np.isfinite(floats_of(each)) for each in values.values()], axis=0
+            [np.isfinite(floats_of(readings)) for readings in values.values()], axis=0
         )
     if is_empty.any() and not is_empty.all():
         remarks.append(f"rows without time were left out: {rows.counted(is_empty)}")

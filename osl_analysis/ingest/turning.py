@@ -130,14 +130,14 @@ def compare_turning(
         turning.append(Turning(f"'{channel.key}'", unit == SPEED, is_motor_side, turned))
 
     speeds = {}
-    for angle, other in product(turning, turning):
-        ratio = turn_ratio(angle.turned, other.turned)
+    for angle, other_turning in product(turning, turning):
+        ratio = turn_ratio(angle.turned, other_turning.turned)
         if angle.is_speed or np.isnan(ratio):
             continue
-        if angle.name == "theta" and other.is_motor_side:
-            yield TurnRatio("theta", "gears", other.name, ratio)
-        elif other.is_speed:
-            speeds[angle, other] = ratio
+        if angle.name == "theta" and other_turning.is_motor_side:
+            yield TurnRatio("theta", "gears", other_turning.name, ratio)
+        elif other_turning.is_speed:
+            speeds[angle, other_turning] = ratio
     for pair, ratio in speeds.items():
         # where either is nearer to another one, as to that of another joint, they are of two
         ratios_of_same = [

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.stats.sources import Source
 
 Texts = str | Sequence[str]  # of several, the first whose numbers are all known counts
@@ -77,7 +77,7 @@ class WordsOfRule:
     remedy: str = ""
 
 
-CONTENT: dict[str, Any] = own_yaml(Path(__file__).with_name("words.yaml"))
+CONTENT: dict[str, Any] = package_yaml(Path(__file__).with_name("words.yaml"))
 FINDINGS: Mapping[str, KnownFinding] = {
     Source(name): KnownFinding(Source(name), **texts) for name, texts in CONTENT["findings"].items()
 }

@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 from osl_analysis.base.errors import InputError, advise, nearest, on_one_line
 from osl_analysis.base.files import digest
 from osl_analysis.base.trial import Array
-from osl_analysis.base.yaml_settings import Settings, misplaced, of_fraction, read_yaml
+from osl_analysis.base.yaml_settings import Settings, from_fraction, misplaced, read_yaml
 
 PARAMETER_UNITS = {
     "k_tau": "N*m/A",
@@ -67,7 +67,7 @@ class Quantity(Settings):
     """A number, its unit and its source. A ratio may be written as a fraction, such as 83/18."""
 
     value: Annotated[
-        float, BeforeValidator(of_fraction), WithJsonSchema({"type": ["number", "string"]})
+        float, BeforeValidator(from_fraction), WithJsonSchema({"type": ["number", "string"]})
     ]
     unit: Annotated[str, WithJsonSchema({"enum": sorted(set(PARAMETER_UNITS.values()))})]
     source: str = Field(min_length=1)
@@ -189,8 +189,12 @@ def read_parameters(path: Path) -> DrivetrainParameters:
     """
     parameters = known_parameters(path)
     if parameters is None:
-        given = read_yaml(path, ParameterFile).parameters
-        missing = [f"{name} [{PARAMETER_UNITS[name]}]" for name in REQUIRED if name not in given]
+        stated_parameters = read_yaml(path, ParameterFile).parameters
+        missing = [
+            f"{name} [{PARAMETER_UNITS[name]}]"
+            for name in REQUIRED
+            if name not in stated_parameters
+        ]
         raise InputError(
             f"{path}: the model of the drivetrain needs {', '.join(missing)}, which the file lacks",
             "add each with value, unit and source",

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import polars as pl
 
 from osl_analysis.base.errors import nearest
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.stats.doubts import is_doubtful
 
@@ -38,7 +38,7 @@ class WordsOfNumber:
     says: str = ""
 
 
-CONTENT: Mapping[str, Any] = own_yaml(Path(__file__).with_name("numbers.yaml"))
+CONTENT: Mapping[str, Any] = package_yaml(Path(__file__).with_name("numbers.yaml"))
 WORDS = {name: WordsOfNumber(**texts) for name, texts in CONTENT.items()}
 
 

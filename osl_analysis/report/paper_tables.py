@@ -17,7 +17,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.judge.joining import GROUP_DOUBTS, RESULTS, WIDE_ESTIMATES
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.report.typography import in_latex, in_markdown, markdown_table, template
@@ -46,7 +46,7 @@ HEADS = {
     "VAF": "VAF [%]",
 }
 """Heads of the estimates of conditions and groups, by column."""
-IN_LATEX: Mapping[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
+IN_LATEX: Mapping[str, str] = package_yaml(Path(__file__).with_suffix(".yaml"))
 """Heads of columns and components as LaTeX."""
 
 

@@ -16,10 +16,10 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.stats.rounding import significant
 
-TYPESET_SIGNS = own_yaml(Path(__file__).with_suffix(".yaml"))
+TYPESET_SIGNS = package_yaml(Path(__file__).with_suffix(".yaml"))
 ANY_SIGN = re.compile("|".join(TYPESET_SIGNS))  # few of a page's numbers have one
 
 

@@ -39,9 +39,9 @@ def turns(time: Array, readings: Array, is_speed: bool) -> Array:
     return np.interp(begins + COMPARED_S, time, readings) - np.interp(begins, time, readings)
 
 
-def turn_ratio(turned: Array, others: Array) -> float:
+def turn_ratio(turned: Array, other_turned: Array) -> float:
     """How many times as far others (spans,) turn, without a sign; NaN where they do not follow."""
-    if not (turned.size == others.size > 0 and varies(turned) and varies(others)):
+    if not (turned.size == other_turned.size > 0 and varies(turned) and varies(other_turned)):
         return np.nan
-    is_followed = abs(np.corrcoef(turned, others)[0, 1]) > LEAST_FOLLOWED
-    return float(others.std() / turned.std()) if is_followed else np.nan
+    is_followed = abs(np.corrcoef(turned, other_turned)[0, 1]) > LEAST_FOLLOWED
+    return float(other_turned.std() / turned.std()) if is_followed else np.nan

@@ -129,10 +129,10 @@ class UniformSignals:
             )
         return rows
 
-    def other(self) -> "UniformSignals":
+    def with_other_reading(self) -> "UniformSignals":
         """The same with the other reading of every undecided stream: true stamps as even, even ones
         as true. The difference of the two fits is the cost of the missing decision."""
-        taken = [part if part.reading.firm else part.other() for part in self.taken]
+        taken = [part if part.reading.firm else part.with_other_reading() for part in self.taken]
         return on_one_grid(taken, self.settings, self.trial)
 
 
@@ -140,7 +140,7 @@ def uniform_signals(
     trial: Trial,
     columns: Sequence[str],
     settings: FilterSettings,
-    beside: Collection[str] = (),
+    optional_columns: Collection[str] = (),
 ) -> UniformSignals:
     """Bring the columns of a trial on one uniform grid.
 
@@ -151,7 +151,7 @@ def uniform_signals(
     trial : Trial
     columns : Sequence of str
     settings : FilterSettings
-    beside : Collection of str
+    optional_columns : Collection of str
         Columns that come along where they can: the grid has not their time and rate, they mark no
         row, and one that is missing or has too long a gap is left out.
 
@@ -166,12 +166,12 @@ def uniform_signals(
     """
     with naming(f"trial {trial.name}"):
         along = []
-        for name in beside:
+        for name in optional_columns:
             with suppress(InputError):  # it is missing, or broken
                 stream_of(trial, [name])
                 along.append(name)
         devices = devices_of(trial, [*columns, *along])
-        taken = take([stream_of(trial, names, beside) for names in devices])
+        taken = take([stream_of(trial, names, optional_columns) for names in devices])
         return on_one_grid(taken, settings, trial.name)
 
 
@@ -265,17 +265,17 @@ def on_one_grid(
             with suppress(InputError):
                 gaps_of(part, time, settings.time_base.longest_gap_s)
                 signals.update(resampled(part.samples, time, step))
-    stated: dict[str, Mapping[str, Any]] = {}
+    stated_facts: dict[str, Mapping[str, Any]] = {}
     for part in taken:
-        stated.update(part.stream.stated)
-    own = {
+        stated_facts.update(part.stream.stated)
+    sensor_filters = {
         name: SensorLowPass(**facts["low_pass"])
-        for name, facts in stated.items()
+        for name, facts in stated_facts.items()
         if "low_pass" in facts
     }
-    if own:
-        signals = with_equal_sensor_filters(signals, own, rate)
-    fixture = stated.get("torque", {}).get("fixture")
+    if sensor_filters:
+        signals = with_equal_sensor_filters(signals, sensor_filters, rate)
+    fixture = stated_facts.get("torque", {}).get("fixture")
     if fixture and {"theta", "torque"} <= signals.keys():
         load = fixture_torque(time, signals["theta"], settings.cutoff_hz, **fixture)
         signals["torque"] = signals["torque"] - load
@@ -295,14 +295,14 @@ def on_one_grid(
 
 
 def with_equal_sensor_filters(
-    signals: Mapping[str, Array], own: Mapping[str, SensorLowPass], rate_hz: float
+    signals: Mapping[str, Array], sensor_filters: Mapping[str, SensorLowPass], rate_hz: float
 ) -> dict[str, Array]:
     """Pass each signal through the filter of every sensor, except its `own` one, which it has
     already passed. Signals must have equal phase."""
     filtered = {}
     for name, signal in signals.items():
-        for low_pass in dict.fromkeys(own.values()):
-            if low_pass != own.get(name):
+        for low_pass in dict.fromkeys(sensor_filters.values()):
+            if low_pass != sensor_filters.get(name):
                 signal = low_pass(signal, rate_hz)
         filtered[name] = signal
     return filtered
@@ -406,13 +406,13 @@ def devices_of(trial: Trial, columns: Sequence[str]) -> list[list[str]]:
     return list(devices.values())
 
 
-def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) -> Stream:
+def stream_of(trial: Trial, names: Sequence[str], optional_columns: Collection[str] = ()) -> Stream:
     """Make a stream of columns that one device recorded, with what the source file states."""
     stamps, *values = trial.arrays(*names)
     described = trial.provenance.get("columns", {})
     origins = {name: described.get(name, {}) for name in names}
-    of_file = trial.provenance.get(origins[names[0]].get("file", ""), {})
-    time = origins[names[0]].get("time") or of_file.get("time", {})
+    log_facts = trial.provenance.get(origins[names[0]].get("file", ""), {})
+    time = origins[names[0]].get("time") or log_facts.get("time", {})
     choice = time.get("stamps", "auto")
     reading = next(
         (Reading(*trial.clocks[name][:3]) for name in names if name in trial.clocks), None
@@ -431,7 +431,7 @@ def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) 
         reading=reading,
         counter=trial.arrays(counters[0])[1].astype(np.int64) if counters else None,
         stated=origins,
-        beside=beside,
+        optional=optional_columns,
     )
 
 

@@ -43,12 +43,12 @@ def plateaus_of(time: Array, current: Array) -> list[slice]:
     span = np.ptp(means)
     is_steady = (np.abs(np.diff(means)) < LEVEL_CHANGE * span) & (np.diff(number) == 1)
 
-    found = []
+    plateaus = []
     for run in runs(is_steady):
         if run.stop - run.start >= SHORTEST_LEVEL:
             last = run.stop - 1 - ENDING  # the last mean of the run is number run.stop
-            found.append(slice(begins[run.start + SETTLING], stops[last]))
-    return found
+            plateaus.append(slice(begins[run.start + SETTLING], stops[last]))
+    return plateaus
 
 
 def bins_of(time: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -199,9 +199,9 @@ def steps_by_friction(
     is_turn = lower > EVEN_TURN * higher
     time, values = torque
     rows = np.searchsorted(time, leaps)[:, None] + np.arange(-STEP_ROWS, STEP_ROWS)
-    beside = values[np.clip(rows, 0, values.size - 1)]
-    step = beside[:, -1] - beside[:, 0]
-    is_step = 2 * np.abs(step) > np.ptp(beside, axis=1)  # a wrong number comes back
+    neighbours = values[np.clip(rows, 0, values.size - 1)]
+    step = neighbours[:, -1] - neighbours[:, 0]
+    is_step = 2 * np.abs(step) > np.ptp(neighbours, axis=1)  # a wrong number comes back
     is_along = (ways * step < 0).all(axis=0)  # up in a trough, down at a peak
     return is_step & (is_turn & is_along).any(axis=0)
 

@@ -75,7 +75,7 @@ class Stream:
         What the source file states of a signal, by signal: `delay` [s] by which its samples are
         older than their stamps, `low_pass` of its sensor (arguments of `SensorLowPass`),
         `resolution` in its unit, and of a torque its `fixture` (arguments of `fixture_torque`).
-    beside : Collection
+    optional : Collection
         Signals that come along on the grid of the others, where they can.
 
     Raises
@@ -90,7 +90,7 @@ class Stream:
     reading: Reading | None = None
     counter: SampleCount | None = None
     stated: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    beside: Collection[str] = ()
+    optional: Collection[str] = ()
 
     @property
     def came_in_batches(self) -> bool:
@@ -148,7 +148,7 @@ class Taken:
     # whether a grid has the time and the rate of these samples, and no row in their gaps
     leads: bool = True
 
-    def other(self) -> "Taken":
+    def with_other_reading(self) -> "Taken":
         """The same samples under the other hypothesis."""
         if self.unsure:
             return replace(self, delay=self.delay + self.unsure, unsure=-self.unsure)
@@ -204,10 +204,10 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     InputError
         As `count_of_device` and `check_countable`.
     """
-    of_streams = [take_stream(stream) for stream in streams]
-    taken = [part for parts in of_streams for part in parts]
+    parts_by_stream = [take_stream(stream) for stream in streams]
+    taken = [part for parts in parts_by_stream for part in parts]
     leading = [part for part in taken if part.leads]
-    are_several = sum(any(part.leads for part in parts) for parts in of_streams) > 1
+    are_several = sum(any(part.leads for part in parts) for parts in parts_by_stream) > 1
     if are_several or len({part.reading.even for part in leading}) > 1:
         for part in leading:
             check_countable(part)
@@ -233,10 +233,10 @@ def take_stream(stream: Stream) -> list[Taken]:
             held[name] = values
 
     row_times = stream.stamps
-    of_rows = []
+    row_parts = []
     if groups:
-        own = {name: values for name, values in stream.signals.items() if name not in held}
-        reading = stream.reading or decide(own, clock)
+        row_signals = {name: values for name, values in stream.signals.items() if name not in held}
+        reading = stream.reading or decide(row_signals, clock)
         if stream.came_in_batches:  # when its samples were taken is assumed
             reading = reading._replace(firm=False)
         if held:
@@ -245,12 +245,12 @@ def take_stream(stream: Stream) -> list[Taken]:
             is_all = len(groups) + len(held) == 1
             name = stream.name if is_all else ", ".join(signals)
             named = replace(stream, name=name, signals=signals)
-            leads = not signals.keys() <= {*stream.beside}
-            of_rows.append(Taken(named, clock, reading, delay, leads=leads))
-    of_held = [
+            leads = not signals.keys() <= {*stream.optional}
+            row_parts.append(Taken(named, clock, reading, delay, leads=leads))
+    held_parts = [
         held_taken(stream, name, values, row_times, clock.step) for name, values in held.items()
     ]
-    return [*of_held, *of_rows]
+    return [*held_parts, *row_parts]
 
 
 def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, step: float) -> Taken:
@@ -275,8 +275,8 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
 
     # time within a step of the log that the beat leaves open; less of it leaves no doubt
     open_s = step - (high - low)
-    stated = stream.stated.get(name, {})
-    is_known = open_s <= SAME_BEAT * step or "delay" in stated
+    stated_facts = stream.stated.get(name, {})
+    is_known = open_s <= SAME_BEAT * step or "delay" in stated_facts
     when = "known by where it changes"
     if not is_known:
         when = f"the first of them, or up to {open_s * 1e3:.3g} ms before"
@@ -293,11 +293,11 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
         ),
         clock=clock,
         reading=Reading(is_even, is_even and is_known, why),
-        delay=stated.get("delay", 0.0) + (-low if is_even else step / 2),
+        delay=stated_facts.get("delay", 0.0) + (-low if is_even else step / 2),
         held=held.period,
         unsure=0.0 if is_known else open_s,
-        beat_width=max(open_s, 0.0) if is_known and "delay" not in stated else 0.0,
-        leads=name not in stream.beside,
+        beat_width=max(open_s, 0.0) if is_known and "delay" not in stated_facts else 0.0,
+        leads=name not in stream.optional,
     )
 
 

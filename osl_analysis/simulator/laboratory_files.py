@@ -218,18 +218,18 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
     # of the sensor below the surface, z > 0: the sign of Vicon Nexus; that of the C3D manual is the
     # opposite
     origin = PLATE_AXES.T @ [*plate.sensor_offset_m, -plate.sensor_depth_m]
-    of_points = {
+    point_parameters = {
         "LABELS": markers,
         "UNITS": ["mm"],
         "RATE": np.array([float(rates.points_hz)]),
         "Y_SCREEN": ["+Z"],
     }
-    of_analogs = {
+    analog_parameters = {
         "LABELS": channels,
         "UNITS": [*PLATE_CHANNELS.values(), "V", "V"],
         "RATE": np.array([float(rates.analogs_hz)]),
     }
-    of_plate = {
+    plate_parameters = {
         "USED": np.array([1]),
         "TYPE": np.array([2]),
         "ZERO": np.array([1, 0]),
@@ -237,7 +237,11 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
         "ORIGIN": origin[:, None] * MM,
         "CHANNEL": np.arange(1, len(PLATE_CHANNELS) + 1)[:, None],
     }
-    return {"POINT": of_points, "ANALOG": of_analogs, "FORCE_PLATFORM": of_plate}
+    return {
+        "POINT": point_parameters,
+        "ANALOG": analog_parameters,
+        "FORCE_PLATFORM": plate_parameters,
+    }
 
 
 def write_c3d(

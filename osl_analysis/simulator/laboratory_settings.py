@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.base.yaml_settings import (
     Metres,
     NotNegative,
@@ -48,7 +48,7 @@ FASTEST_MOTION_HZ = 100_000  # rate [Hz] at which a crossing can still be comput
 Position = tuple[float, float, float]  # [m]
 Bump = tuple[float, float, float]  # size, phase of the peak, sharpness
 
-WALKER = own_yaml(Path(__file__).with_name("walker.yaml"))
+WALKER = package_yaml(Path(__file__).with_name("walker.yaml"))
 MARKERS: Mapping[str, Mapping[str, Position]] = WALKER["markers"]
 ANKLE_ANGLE: Sequence[Bump] = WALKER["ankle_angle"]
 ANKLE_MOMENT: Sequence[Bump] = WALKER["ankle_moment"]

@@ -254,8 +254,8 @@ def recording_of(
     samples = next(len(signal) for signal in signals.values() if not callable(signal))
     bench = Bench(trial, settings, drawn, samples)
     torque = {name: signal for name, signal in signals.items() if is_torque(name)}
-    others = {name: signal for name, signal in signals.items() if name not in torque}
-    log = bench.recording("node", recorder.node, others)
+    other_signals = {name: signal for name, signal in signals.items() if name not in torque}
+    log = bench.recording("node", recorder.node, other_signals)
     name = "node" if recorder.torque_node is None else "torque_node"
     age_s = settings.effects.load_cell_delay.value
     log_of_torque = bench.recording(name, getattr(recorder, name), torque, age_s)

@@ -113,8 +113,8 @@ def interpolated_at(values: Array, rate_hz: float, times: Array) -> Array:
     f = (place - first).reshape(-1, *[1] * (values.ndim - 1))
     interpolated = np.zeros((len(f), *values.shape[1:]))
     for node in NODES:
-        others = [other for other in NODES if other != node]
-        weight = math.prod(f - other for other in others)
-        at_node = math.prod(node - other for other in others)
+        other_nodes = [other_node for other_node in NODES if other_node != node]
+        weight = math.prod(f - other_node for other_node in other_nodes)
+        at_node = math.prod(node - other_node for other_node in other_nodes)
         interpolated += weight / at_node * values[first + node]
     return interpolated

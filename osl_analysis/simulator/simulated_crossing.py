@@ -123,8 +123,10 @@ def simulate_crossing(
     omega = ankle.omega[::stride]
 
     K_1, _, theta_eq = commands[:, 0]
-    rest = (K_1 * theta_eq + p.K_s * theta[0] / p.n_T) / (K_1 + p.K_s_at_actuator)
-    drivetrain = simulate_drivetrain(rates.controller_hz, theta, omega, commands, effects, p, rest)
+    rest_angle = (K_1 * theta_eq + p.K_s * theta[0] / p.n_T) / (K_1 + p.K_s_at_actuator)
+    drivetrain = simulate_drivetrain(
+        rates.controller_hz, theta, omega, commands, effects, p, rest_angle
+    )
     belt_torque = interpolated_at(drivetrain["belt_torque"], rates.controller_hz, time)
     drivetrain_torque = belt_torque + p.B_j * ankle.omega + p.J_j * ankle.alpha
     torque, reaction = react(step, foot, drivetrain_torque)

@@ -121,8 +121,8 @@ def write_truth_of(
         "effects": campaign.effects.model_dump(),
         "gait_laboratory": trial.walking.model_dump(mode="json"),
     }
-    of_trial = {"time": trial.time, **curves, "platform_angle": platform.angle}
-    at_analogs = {name: curve[::stride] for name, curve in of_trial.items()}
+    all_curves = {"time": trial.time, **curves, "platform_angle": platform.angle}
+    at_analogs = {name: curve[::stride] for name, curve in all_curves.items()}
     write_truth(raw, trial.name, truth, at_analogs)
 
 

@@ -81,15 +81,15 @@ def periodic_motion(
     spline = scipy.interpolate.make_interp_spline(np.arange(len(x)), x)
 
     usable_rows = usable[bins][::step]  # near a gap many are not
-    found = [repetition_after(x, spline, usable_rows, lag, rate_hz) for lag in likely_lags(x)]
-    candidates = list(filter(None, found))
+    repetitions = [repetition_after(x, spline, usable_rows, lag, rate_hz) for lag in likely_lags(x)]
+    candidates = list(filter(None, repetitions))
     if not candidates:
         return None
     best = min(candidate.mismatch for candidate in candidates)
     # the shortest lag with a mismatch within a factor of two of the best is the period, not a
     # multiple of it
     lag, _, stretches = min(
-        each for each in candidates if each.mismatch <= 2 * best + MISMATCH_ROUNDING
+        candidate for candidate in candidates if candidate.mismatch <= 2 * best + MISMATCH_ROUNDING
     )
     times = np.arange(lag)
     scatters = []

@@ -144,18 +144,18 @@ def find_sines(
     """
     stretches = [*similar_cycles(theta, noise, moving), np.array([len(theta) - 1.0])]
     fewest = min(np.min(protocol.cycles or FEWEST_RUN_CYCLES), FEWEST_RUN_CYCLES)
-    found = []
-    of_sines = 0.0
+    sines = []
+    sine_motion = 0.0
     earliest = 0
     for crossings, following in pairwise(stretches):
         run = fit_run(theta, rate_hz, crossings, earliest, int(following[0]))
         if run is None or run.cycles <= fewest - MISSING_CYCLE:
             continue
-        found.append(run)
+        sines.append(run)
         earliest = run.stop
         if run.is_steady and (run.lack_of_fit < PURE_SINE or protocol.command_of(run)):
-            of_sines += moving[run.start : run.stop].sum()
-    return found, bool(of_sines >= LEAST_SINES * moving.sum())
+            sine_motion += moving[run.start : run.stop].sum()
+    return sines, bool(sine_motion >= LEAST_SINES * moving.sum())
 
 
 def moving_bins(theta: Array, rate_hz: float, noise: float) -> NDArray[np.bool_]:
@@ -220,8 +220,10 @@ def similar_cycles(theta: Array, noise: float, moving: NDArray[np.bool_]) -> Ite
     for first, stop in pairwise([*begins, len(sizes)]):
         if stop - first < 2:
             continue
-        of_median = height[first:stop] / np.median(height[first:stop])
-        usual = first + np.flatnonzero(np.abs(of_median - 1) < ONE_HEIGHT)  # outside: a slow ramp
+        relative_height = height[first:stop] / np.median(height[first:stop])
+        usual = first + np.flatnonzero(
+            np.abs(relative_height - 1) < ONE_HEIGHT
+        )  # outside: a slow ramp
         if len(usual) > 1:
             yield crossings[usual[0] : usual[-1] + 2]
 

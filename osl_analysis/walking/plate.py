@@ -14,7 +14,7 @@ import scipy
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import AXES, Array, Trial, plate_columns
-from osl_analysis.ingest.force_plates import beside, plate_axes
+from osl_analysis.ingest.force_plates import distance_from_plate, plate_axes
 from osl_analysis.signals.filters import LowPass, runs, sampling_rate
 from osl_analysis.walking.poses import FREE_FALL, SIZES_M, Mask
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -301,4 +301,4 @@ def outside(points: Array, corners: Array) -> Array:
     Points are in laboratory axes.
     """
     on_surface = (points - corners.mean(axis=0)) @ plate_axes(corners)[:, :2]
-    return beside(on_surface, corners)
+    return distance_from_plate(on_surface, corners)

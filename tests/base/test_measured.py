@@ -12,7 +12,7 @@ from conftest import refused_with, white_noise
 from osl_analysis.base.measured import check_measured, noise_of, varies, visible_step
 from osl_analysis.base.trial import parsed_windows, unit_of
 from osl_analysis.base.units import known_factor
-from osl_analysis.ingest.force_plates import beside, own_axes, plate_axes
+from osl_analysis.ingest.force_plates import distance_from_plate, force_axes, plate_axes
 from osl_analysis.stats.rounding import significant
 from osl_analysis.walking.plate import outside
 
@@ -91,7 +91,7 @@ def test_a_ratio_near_no_unit_factor_names_none(ratio):
 FACE_DOWN = FACE[[0, 3, 2, 1]]
 
 
-@pytest.mark.parametrize(("axes_of", "up"), [(own_axes, -1), (plate_axes, 1)])
+@pytest.mark.parametrize(("axes_of", "up"), [(force_axes, -1), (plate_axes, 1)])
 def test_axes_of_a_plate_are_right_handed_and_along_its_edges_point_up(axes_of, up):
     axes = axes_of(FACE_DOWN)
 
@@ -100,13 +100,13 @@ def test_axes_of_a_plate_are_right_handed_and_along_its_edges_point_up(axes_of, 
 
 
 def test_the_own_x_axis_of_a_plate_is_from_its_second_corner_to_its_first():
-    np.testing.assert_allclose(own_axes(FACE_DOWN)[:, 0], [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(force_axes(FACE_DOWN)[:, 0], [0, 1, 0], atol=1e-12)
 
 
 def test_points_beside_a_plate_are_as_far_as_from_its_nearest_edge_or_corner():
     points = np.array([[0.0, 0.0], [0.25, 0.0], [0.24, 0.33]])  # 0.4 m along x, 0.6 m along y
 
-    np.testing.assert_allclose(beside(points, FACE_DOWN), [0, 0.05, 0.05], atol=1e-12)
+    np.testing.assert_allclose(distance_from_plate(points, FACE_DOWN), [0, 0.05, 0.05], atol=1e-12)
 
 
 def test_points_are_outside_a_plate_in_laboratory_axes_and_at_any_height():

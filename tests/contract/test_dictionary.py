@@ -14,7 +14,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
-from osl_analysis.base.files import own_yaml
+from osl_analysis.base.files import package_yaml
 from osl_analysis.base.table import (
     read_table,
     with_places,
@@ -29,7 +29,7 @@ from osl_analysis.dictionary.described import HERE
     "path", [*HERE.glob("*.yaml"), *HERE.parent.glob("figures/*.yaml")], ids=lambda path: path.name
 )
 def test_our_files_are_alike_in_yaml_1_1_and_1_2_and_repeat_no_key(path):
-    assert own_yaml(path) == read_mapping(path)
+    assert package_yaml(path) == read_mapping(path)
 
 
 @given(st.lists(st.one_of(st.none(), st.floats(allow_infinity=False)), min_size=1, max_size=8))

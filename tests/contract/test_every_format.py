@@ -173,9 +173,9 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
         tmp_path / "a.mat", Slow=LOG, Fast={**LOG, "torque": -2e3 * TORQUE}, clock=1e3 * TIME
     )
     for part, factor in (("Slow", 1), ("Fast", 2)):
-        recording = read_converted(path, described("mat").of_part(part))
+        recording = read_converted(path, described("mat").for_part(part))
         np.testing.assert_allclose(recording.samples["torque"], factor * TORQUE, atol=1e-12)
-    shared = described("mat", time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
+    shared = described("mat", time={"variable": "/clock", "unit": "ms"}).for_part("Fast")
     samples = read_converted(path, shared).samples
     np.testing.assert_allclose(samples["torque"], 2 * TORQUE, atol=1e-12)
     said = refusal_by(read_converted, path, described("mat"))
@@ -193,7 +193,7 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
     (tmp_path / "mine.yaml").write_text(
         draft_source(overview, path.name).replace("NAME_1", "theta")
     )
-    read = read_converted(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
+    read = read_converted(path, read_source(tmp_path / "mine.yaml").for_part("Fast"))
     np.testing.assert_allclose(read.samples["theta"], ANGLE)
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
 

@@ -242,15 +242,15 @@ def test_a_value_taken_within_the_row_before_lies_where_its_doubt_says():
 
     with pytest.raises(AssertionError):
         assert_recovers_the_joint(grid)
-    assert_recovers_the_joint(grid.other())
+    assert_recovers_the_joint(grid.with_other_reading())
 
 
 def test_the_other_reading_of_a_held_channel_is_a_row_older_where_it_is_doubtful():
-    other = one_time_base([held_log(50.0)]).other()
+    other = one_time_base([held_log(50.0)]).with_other_reading()
 
     assert other.taken[0].stream.name == "torque"
     assert other.taken[0].delay == pytest.approx(1e-3, abs=2e-5)
-    assert other.other().taken[0].delay == pytest.approx(0, abs=2e-5)
+    assert other.with_other_reading().taken[0].delay == pytest.approx(0, abs=2e-5)
     assert one_time_base([held_log(333.0)]).is_decided
 
 
@@ -420,8 +420,8 @@ def test_streams_apart_and_a_host_that_hides_its_rhythm_are_refused(streams, tol
 def test_what_comes_along_is_at_its_own_times_and_leaves_the_grid_as_it_is():
     t = clock(500.0, 9.0, first=0.5003)
     lost = np.delete(t, slice(1000, 2000))
-    motor = Stream("motor", t, {"theta_m": np.sin(t)}, beside=["theta_m"])
-    drive = Stream("drive", lost, {"current": lost}, beside=["current"])
+    motor = Stream("motor", t, {"theta_m": np.sin(t)}, optional=["theta_m"])
+    drive = Stream("drive", lost, {"current": lost}, optional=["current"])
 
     grid = one_time_base([of(TICKS), motor, drive])
 

@@ -174,6 +174,30 @@ def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(
     assert ("unit_of_file" in trial.provenance["columns"][name]) == is_told
 
 
+@pytest.mark.parametrize(
+    ("name", "unit", "in_file", "largest", "is_possible"),
+    [
+        ("torque", "N*m", "mNm", 0.9e6, True),
+        ("torque", "N*m", "mNm", 1.1e6, False),  # more than 1000 N*m
+        ("theta", "rad", "mrad", 5.0, True),
+        ("theta", "rad", "mrad", 4.0, False),  # less than 4.4 mrad, a quarter of a degree
+        ("theta", "rad", "mrad", 1100.0, True),
+        ("theta", "rad", "mrad", 1300.0, False),  # more than 1.2 rad
+    ],
+)
+def test_the_unit_of_a_file_is_proposed_if_a_joint_can_have_its_values(
+    tmp_path, name, unit, in_file, largest, is_possible
+):
+    text = f"t,value [{in_file}]\n" + "".join(
+        f"{row / 100},{largest * math.sin(math.pi * row / 100)}\n" for row in range(101)
+    )
+    channels = {name: {"column": "value", "unit": unit}}
+
+    trial = ingested(tmp_path, text, channels=channels)
+
+    assert ("unit_of_file" in trial.provenance["columns"][name]) == is_possible
+
+
 def test_what_is_stated_of_a_sensor_is_in_si_units_in_the_provenance(tmp_path):
     stated = {
         "delay": "2 ms",

@@ -12,7 +12,8 @@ import polars as pl
 import pytest
 from conftest import joint_trial, refused_with, white_noise
 
-from osl_analysis.base.recording import Rows
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.recording import Channel, Rows
 from osl_analysis.base.trial import Trial, plate_columns
 from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.clock import (
@@ -22,8 +23,14 @@ from osl_analysis.ingest.clock import (
     gate_fit,
 )
 from osl_analysis.ingest.conversion import fresh_rows
-from osl_analysis.ingest.guard import changes_of_angle, check_recording, check_sizes, in_other_units
-from osl_analysis.ingest.likely_clock import ticks, time_unit, unwrapped
+from osl_analysis.ingest.guard import (
+    changes_of_angle,
+    check_recording,
+    check_sign,
+    check_sizes,
+    in_other_units,
+)
+from osl_analysis.ingest.likely_clock import check_other_clocks, ticks, time_unit, unwrapped
 from osl_analysis.ingest.message_log import count_late
 from osl_analysis.ingest.quality import (
     cause_of_leaps,
@@ -400,3 +407,82 @@ def test_a_counter_that_overflows_has_eight_bits_or_sixteen_of_a_fine_tick(tick,
     _, period = unwrapped(readings)
 
     assert (period == f"2**{bits} ticks of {tick:g}") == is_counter
+
+
+ROWS = 2000
+STAMPS = np.arange(ROWS) * 0.01  # [s] of a table at 100 Hz
+
+
+def other_clocks(
+    readings: np.ndarray, rate: float | None = None, notes: tuple[str, ...] = ()
+) -> dict[str, float]:
+    """The clocks beside the time of a table that go on at another rate."""
+    clock = Channel({"column": "clock"}, Rows(ROWS), lambda: readings, name="clock", unit="s")
+    recording = SimpleNamespace(channels=[clock], notes=notes)
+    time = SimpleNamespace(ADDRESS="column", rate=rate, title="t")
+    return check_other_clocks(recording, SimpleNamespace(time=time), None, STAMPS, {}, [])[0]
+
+
+@pytest.mark.parametrize(("faster", "differs"), [(1.004, False), (1.008, True)])
+def test_a_clock_beside_time_differs_from_five_parts_in_a_thousand(faster, differs):
+    assert ("clock" in other_clocks(faster * STAMPS)) == differs
+
+
+@pytest.mark.parametrize(("longest", "is_clock"), [(0.05, True), (0.08, False)])
+def test_readings_with_a_step_of_more_than_six_hundredths_of_their_span_are_no_clock(
+    longest, is_clock
+):
+    """Steps of 10 ms on average, and 10 ms more: a clock would be told to differ."""
+    readings = 1.5 * STAMPS
+    readings[ROWS // 2 :] += longest / (1 - longest) * readings[-1]
+
+    assert ("clock" in other_clocks(readings)) == is_clock
+
+
+@pytest.mark.parametrize(("faster", "is_refused"), [(1.04, False), (1.07, True)])
+def test_a_rate_that_is_five_percent_off_a_clock_of_the_table_is_refused(faster, is_refused):
+    if is_refused:
+        with refused_with("`rate: 100` of time, but the file says"):
+            other_clocks(faster * STAMPS, rate=100.0)
+    else:
+        other_clocks(faster * STAMPS, rate=100.0)
+
+
+@pytest.mark.parametrize(("stated", "is_refused"), [(100.7, False), (101.5, True)])
+def test_a_rate_that_is_one_percent_off_the_one_in_the_file_s_text_is_refused(stated, is_refused):
+    notes = (f"Sample rate: {stated} Hz",)
+
+    if is_refused:
+        with refused_with("`rate: 100` of time, but the file says .* Hz .in words."):
+            other_clocks(STAMPS, rate=100.0, notes=notes)
+    else:
+        other_clocks(STAMPS, rate=100.0, notes=notes)
+
+
+# A torque without its sign
+
+
+def loses_sign(trial: Trial) -> bool:
+    try:
+        check_sign(trial, "torque", "theta")
+    except InputError:
+        return True
+    return False
+
+
+@pytest.mark.parametrize(("left", "is_lost"), [(0.1, True), (0.25, False)])
+def test_a_sign_is_lost_if_the_motion_leaves_less_than_a_third_once_it_is_put_back(left, is_lost):
+    """It leaves 0.19 and 0.42 of what it leaves without signs."""
+    time = np.arange(4000) * 5e-3
+    theta = 0.08 * np.sin(4.4 * time) + 0.03 * np.sin(14.5 * time)
+    slow = np.convolve(white_noise(4000, 5), np.ones(40) / 40, "same")  # as an offset that wanders
+    torque = theta / theta.std() + left * slow / slow.std()
+
+    assert loses_sign(joint_trial(time, theta, abs(torque))) == is_lost
+
+
+def test_a_cycle_of_fifty_samples_tells_a_lost_sign():
+    time = np.arange(60) * 0.02
+    theta = 0.1 * np.sin(2 * np.pi * time)
+
+    assert loses_sign(joint_trial(time, theta, abs(100 * theta)))

@@ -243,6 +243,22 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
         assert failed(checks) - {"protocol"} <= {check} | also
 
 
+@pytest.mark.parametrize(("change", "stuck_s"), [(0.04, 0.0), (0.07, 3.999)])
+def test_an_angle_is_frozen_while_the_torque_changes_by_a_twentieth_of_its_range(change, stuck_s):
+    """In the third quarter of the 4 s at the end in which the angle stands."""
+    moves = np.sin(2 * np.pi * np.arange(6000) / RATE)
+    ramp = 4 * change * 2 * np.linspace(0, 1, 4000)  # the torque has a range of 2
+    samples = {
+        "time": np.arange(10_000) / RATE,
+        "theta": np.append(0.1 * moves, np.zeros(4000)),
+        "torque": np.append(moves, ramp),
+    }
+
+    checks = results(pl.DataFrame(samples), "impedance")
+
+    assert checks["stuck"].value == pytest.approx(stuck_s, abs=0.01)
+
+
 @pytest.mark.parametrize(("last_s", "stuck_s"), [(3, 0.0), (9, 8.8)])
 def test_an_angle_that_rests_on_the_last_stair_as_on_the_others_is_not_frozen(last_s, stuck_s):
     """The joint relaxes on each, so that the torque changes."""

@@ -80,6 +80,15 @@ def test_a_sync_line_of_both_files_tells_offset_and_drift_within_their_errors(tm
     np.testing.assert_allclose(torque, 3 * turned(SLOW), atol=1e-5)
 
 
+@pytest.mark.parametrize(("last_s", "is_told"), [(19.2, False), (18.5, True)])
+def test_logs_of_which_one_ends_more_than_a_second_earlier_are_told(tmp_path, last_s, is_told):
+    write_pair(tmp_path, last_s=last_s)
+
+    trial = trial_of_two(tmp_path, "sync", angle=SYNC, torque=SYNC)
+
+    assert ("log_2 ends" in " ".join(trial.provenance["warnings"])) == is_told
+
+
 def test_what_a_host_is_late_is_no_offset_of_its_clock(tmp_path):
     """A fit takes it off the stamps again: B was 2 %, I 13 % off by a millisecond."""
     late_s = np.minimum(np.random.default_rng(4).exponential(8e-3, SLOW.size), 19e-3)

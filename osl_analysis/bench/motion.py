@@ -288,7 +288,7 @@ def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]
     Returns
     -------
     Groups or None
-        None if fewer than two parts of a period are usable twice.
+        None if no part of a period is usable twice.
     """
     parts = max(round(motion.period / BLOCK_S), 1)
     rows_of_part = rate_hz * motion.period / parts
@@ -300,7 +300,7 @@ def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]
     is_whole = np.array([usable[rows].all() for rows in whole_rows(begin, stop)])
     chosen = np.flatnonzero(is_whole)[np.argsort(number[is_whole], kind="stable")]
     _, stratum, times = np.unique(number[chosen], return_inverse=True, return_counts=True)
-    if np.sum(times > 1) < 2:
+    if not (times > 1).any():
         return None
     return Groups("periods", begin[chosen], stop[chosen], stratum, len(times) * (Stratum(),))
 

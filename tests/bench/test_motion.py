@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 import scipy
-from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
+from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise, sines
 from bench_synthetic import table_of, unit_sines
 from conftest import half_width, least_squares_alone, refused_with, white_noise
 from scipy.ndimage import gaussian_filter1d
@@ -238,6 +238,18 @@ def test_any_motion_is_fitted_by_least_squares_behind_a_high_pass():
     plain, *_ = np.linalg.lstsq(gain[:, None] * columns, gain * torque)
 
     np.testing.assert_allclose(fit.estimates[:3], plain[:3], rtol=2e-4)
+
+
+@pytest.mark.parametrize("period_s", [0.4, 0.8, 1.25, 1.48, 1.52, 1.9])
+def test_one_repeated_part_of_a_period_is_enough_for_repeats(period_s):
+    """Gait at any pace: a period below a second and a half is a single part."""
+    rng = np.random.default_rng(3)
+    gait = sines(rng, np.arange(1, 7) / period_s, duration=24.0)
+
+    record = moving_record(made_trial(rng, gait))
+
+    assert record.groups.kind == "periods"
+    assert record.groups.repeat().any()
 
 
 @pytest.mark.parametrize("periods", [2.6, 3.6])

@@ -1,6 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results are written completely or not at all: write to a temporary file beside the target, then
-rename it."""
+"""Write files completely or not at all, and find the files of the package.
+
+A file is written under a temporary name in the folder of its target, and renamed: an interrupted
+run leaves no half of a file. Example:
+
+    with atomic_path(path) as temporary:
+        table.write_csv(temporary)
+"""
 
 import hashlib
 import os

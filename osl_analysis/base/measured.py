@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which numbers can be a measurement, and to which step a signal is rounded.
+"""Check which numbers can be a measurement, and find the step to which a signal is rounded.
 
 A fit refuses a number that no sensor can give, before it overflows, underflows or becomes NaN.
 """

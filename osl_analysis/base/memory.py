@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of memory and cores of a job. A file that needs more memory ends in an error, not by the
-OOM killer."""
+"""Limit the memory and the cores of a job.
+
+A file that needs more memory ends in an error with a remedy; without a limit the system would kill
+the process without a word.
+"""
 
 import os
 import re

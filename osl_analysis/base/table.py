@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tidy result tables as CSV, with full precision. A table is written completely or not at all.
+"""Write and read result tables: tidy CSV with full precision, written completely or not at all.
 
-A trial that cannot be analysed has its row in the table of its fits, without estimates: `status` is
-`not analysed`, and `reason` says why. The table over trials has these rows below the others. Any
-other file that cannot be made without it holds the reason in such a row, or, of samples, beside its
-columns; jobs that need it pass the reason on.
+A refused trial has a row in the table of its fits, without estimates: `status` is `not analysed`,
+and `reason` says why. In the table of all trials these rows stand last. A file of samples has the
+reason in its metadata. Jobs that need a refused trial pass its reason on.
 """
 
 import json

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A campaign: the trials of its sample sheet, what the rules ask about each of them, and what it
-must fulfil before anything runs."""
+"""Read the trials of a campaign's sample sheet, and check what must hold before anything runs.
+
+The rules ask it about each trial, as `CAMPAIGN.trials("impedance")`.
+"""
 
 import filecmp
 import hashlib

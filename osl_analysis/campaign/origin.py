@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The origin of a campaign's results: what figures, tables and summary say of it, and the state of
-each setting that judges or labels results: stated, assumed or none.
+"""Say where a campaign's results come from, and which settings are stated, assumed or none.
 
-What nobody stated neither judges nor labels a recording in silence: the page tells what is assumed.
+A setting that nobody stated may judge or label a recording only if the page says that it is
+assumed.
 """
 
 import json

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a campaign's results: which it has, which of them each is made from, and the trials
-that figures show as examples.
+"""List the files of a campaign's results, and what each is made from.
 
-The rules ask for them, as `FILES.rows("belt")`. Paths are relative to the folder of the campaign.
+It also chooses the trials that figures show as examples. Paths are relative to the folder of the
+campaign. Example: the rules ask for `FILES.rows("belt")`.
 """
 
 import re

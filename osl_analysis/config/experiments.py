@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The experiments: one table of facts that sheet, quality control, simulator, rules and command
-line read (`experiments.yaml`)."""
+"""Read the facts of every experiment from `experiments.yaml`.
+
+Sheet, quality control, simulator, rules and command line read this one table. Example:
+`EXPERIMENTS["impedance"].torque` is the column with the measured torque.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

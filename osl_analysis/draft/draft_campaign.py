@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A draft of a campaign from a folder of recordings: a source file for each kind of them, a sample
-sheet, the section `walking` of the configuration, and what the user has to decide."""
+"""Draft a campaign from a folder of recordings.
+
+The draft has a source file for each kind of recording, a sample sheet, the section `walking` of the
+configuration, and the questions that the user has to answer.
+"""
 
 import re
 from collections import Counter

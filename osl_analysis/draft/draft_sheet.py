@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A draft of a sample sheet: the trials that recordings are, by the words of their names."""
+"""Draft the sample sheet: which trial each recording is, by the words of its name.
+
+Example: `K300_B2_uncompensated.csv` is a trial of `impedance` with K_d = 300, B_d = 2.
+"""
 
 import re
 from collections.abc import Mapping, Sequence

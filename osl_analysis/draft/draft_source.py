@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drafts of source files. Texts from files are quoted as JSON, which is valid YAML. What files do
-not tell is left to the user, questions first."""
+"""Draft source files.
+
+Texts from files are quoted as JSON, which is valid YAML. A fact that no file states is a question
+to the user; questions stand first.
+"""
 
 import re
 from collections.abc import Sequence

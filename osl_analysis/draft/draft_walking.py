@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A draft of the section `walking` of a configuration, from the names of markers in captures, and
-from where the plates lie. What these do not tell is left to the user."""
+"""Draft the section `walking` of a configuration, from names of markers and places of plates.
+
+A fact that neither states is a question to the user.
+"""
 
 import re
 from collections.abc import Sequence

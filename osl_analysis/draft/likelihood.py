@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each channel of a log is taken for. A guess is shown as one, and what leaves a doubt is
-asked.
+"""Guess which canonical column each channel of a log is.
 
-One table, `likelihoods.yaml`, tells how likely a channel is each canonical column: by the words of
-its name in several languages, its unit, what its readings do, and what else its log holds.
-`benchmarks/draft_weights.py` fits the weights of the table on one half of labelled recordings, and
-judges them by the other half.
+The log-odds of a column are a sum of weights over the evidence, in the table `likelihoods.yaml`:
+the words of the channel's name in several languages, its unit, its readings, and the other channels
+of the log. A guess is shown as one, and a doubt becomes a question. `benchmarks/draft_weights.py`
+fits the weights on one half of labelled recordings, and judges them by the other half.
 """
 
 import math

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording holds, of any format: channels with ranges, rates and gaps, what is odd, and
-what of a source file it tells."""
+"""Show what a recording of any format holds: channels with ranges, rates and gaps, and oddities.
+
+It also drafts the settings of a source file that the recording itself states, as its time.
+"""
 
 import re
 from collections import Counter

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A channel of a recording as a user is shown it, with the unit that its name implies, and what
-else a recording holds."""
+"""Describe a channel of a recording for a user, with the unit that its name implies."""
 
 import re
 from collections.abc import Mapping, Sequence

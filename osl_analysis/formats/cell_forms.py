@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cells in which a number stands in one pattern: `np.float64(0.1)`, `0.1 Nm`, `angle:0.1`, and
-lines of Arduino's serial monitor, `09:04:50.200 -> 0.1,2`.
+"""Find the numbers in cells that have text around them, always the same.
 
-A pattern counts only where every cell of a column has the same text before and behind its number.
+Examples: `np.float64(0.1)`, `0.1 Nm`, `angle:0.1`, and `09:04:50.200 -> 0.1,2` of Arduino's serial
+monitor. A pattern counts only where every cell of a column has the same text before and behind its
+number.
 """
 
 import re

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which format a file is of, and its recording."""
+"""Recognise the format of a file, and read it as a recording.
+
+Example: `read(Path("walk.c3d"))`.
+"""
 
 import pkgutil
 import re

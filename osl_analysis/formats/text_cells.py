@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Text: its encoding, lines, the sign between cells, and cells as the numbers and times that
-programs of all countries write."""
+"""Read text as cells, and cells as numbers and times.
+
+Encoding, delimiter, decimal sign and forms of times are found from the text, as programs of many
+countries write them. Example: `1,5` is 1.5 where semicolons part the cells.
+"""
 
 import csv
 import re

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a recorder by topic, whatever the container, and how much of them was read."""
+"""Collect the messages of a recorder by topic, from any container, and count the lost ones."""
 
 from collections import Counter
 from collections.abc import Mapping

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From recordings to trials."""
+"""Convert recordings to trials: canonical columns in SI units, with quality and provenance."""

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Captures of a motion-capture laboratory as canonical columns: markers, force plates, analog
-channels and model outputs, in our axes.
+"""Convert a capture of a motion-capture laboratory to canonical columns in our axes.
 
-The baseline of the plates is applied only where the source file asks: most files name their first
-ten frames, of empty plates or not."""
+It holds markers, force plates, analog channels and model outputs. The baseline of the plates is
+subtracted only where the source file asks for it: most files name their first ten frames as empty,
+whether the plates were empty or not.
+"""
 
 import re
 from collections.abc import Sequence

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Force plates of any format: force and moment on the foot, about the centre of their surface.
+"""Convert force plates of any format to force and moment on the foot, about the surface's centre.
 
-There is no centre of pressure, so that they are valid for an unloaded plate (C3D manual, Kistler).
-Corners (4, 3) [m] go round the edge; the first lies in the quadrant +x, +y of the plate's own axes,
-as in C3D files.
+No centre of pressure is computed, so that the columns are valid for an unloaded plate, too
+(C3D manual, Kistler). Corners (4, 3) [m] go round the edge; the first lies in the quadrant +x, +y
+of the plate's own axes, as in C3D files.
 """
 
 from collections.abc import Sequence

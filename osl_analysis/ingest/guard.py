@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The guard of a trial's numbers. Sizes that nothing can reach, values beyond a stated range, and
-recordings of a bench that no fit can use are refused."""
+"""Refuse the numbers of a trial that no recording of a joint has.
+
+These are sizes that nothing can reach, values beyond a stated range, and recordings of a bench that
+no fit can use. Example: a torque that was computed from the current is no measured torque.
+"""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What tells a clock: its name, its readings, its unit, and what the text of a file says of rates.
+"""Find out whether a channel is a clock: by its name, readings and unit, and by the file's text.
 
-Names and readings make a clock likely, for a draft and for a check beside the stated time. None of
-them is ever taken for the time of a recording unasked. Where one contradicts the stated time, B and
-I depend on which of them is right."""
+A draft proposes such a clock, and a check compares it with the stated time. It is never taken for
+the time of a recording unasked. Where it contradicts the stated time, B and I depend on which of
+the two is right. Example: `Delta_X 0.002` in a header states 500 Hz.
+"""
 
 import math
 import re

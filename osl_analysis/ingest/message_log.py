@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A log of messages by topic as canonical columns, in the order of their stamps. Topics with
-different stamps have rows of their own, null in the columns of the others. Nothing is interpolated
-or held."""
+"""Convert a log of messages by topic to canonical columns, in the order of their stamps.
+
+Topics with different stamps have rows of their own, null in the columns of the others. Nothing is
+interpolated or held.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

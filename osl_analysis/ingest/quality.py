@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The checks of a recording's quality: `MEASURES` lists them. They are numbers; limits and verdicts
-come later (`judge`)."""
+"""Measure the quality of a recording: the checks that `MEASURES` lists.
+
+A check gives numbers. Limits and verdicts come later (`judge`).
+"""
 
 import itertools
 import math

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The raw files of one trial: found, held against their source files, read, and joined to canonical
-samples."""
+"""Make a trial from its raw files: find and read them, and join them by their source files.
+
+Example: `trial_from_files(row, folder, sources)` with a row of the sample sheet.
+"""
 
 import hashlib
 import os

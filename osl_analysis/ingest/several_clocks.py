@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Channels with clocks of their own, of one table or of two recorders of one trial, on one clock,
-as topics are: each with its own rows."""
+"""Put rows with clocks of their own on one clock: of one table, or of two recorders of one trial.
+
+Each clock keeps its rows, as topics of a log of messages do.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace

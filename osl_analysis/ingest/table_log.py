@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A log that is a table of rows as canonical columns. Its time is a channel, a stated rate, or the
-timing that the file itself tells; channels may have times of their own. Nothing is interpolated or
-held."""
+"""Convert a log that is a table of rows to canonical columns.
+
+Its time is a channel, a stated rate, or the timing that the file itself states; channels may have
+times of their own. Nothing is interpolated or held.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -31,7 +31,7 @@ rule plot_numbers:
     """What a figure plots that shows one table, or up to three."""
     input:
         table=lambda wildcards: f"<results>/tables/{FIGURES[wildcards.figure].table}.csv",
-        others=lambda wildcards: expand(
+        further_tables=lambda wildcards: expand(
             "<results>/tables/{table}.csv", table=FIGURES[wildcards.figure].beside
         ),
         findings=lambda wildcards: FILES.findings(
@@ -52,7 +52,9 @@ rule plot_numbers:
             plot_numbers,
             output,
             log,
-            inputs=dict(table=input.table, others=input.others, findings=input.findings),
+            inputs=dict(
+                table=input.table, further_tables=input.further_tables, findings=input.findings
+            ),
             arguments=dict(name=wildcards.figure, option=params.option),
         )
 

@@ -59,7 +59,7 @@ rule findings:
 rule campaign_findings:
     """The findings on all trials: as values, by which all that follows decides, and for people."""
     input:
-        of_tables=FILES.findings(*FILES.judged_tables),
+        table_findings=FILES.findings(*FILES.judged_tables),
         verdicts=QUALITY,
         calibration=FILES.tables("calibration"),
         fitted=FILES.fits_for_findings,
@@ -77,7 +77,7 @@ rule campaign_findings:
             output,
             log,
             inputs=dict(
-                of_tables=input.of_tables,
+                table_findings_files=input.table_findings,
                 verdicts=input.verdicts,
                 calibration=input.calibration,
             ),

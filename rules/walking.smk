@@ -167,7 +167,7 @@ rule analyse_crossing:
             ),
             arguments=dict(
                 settings=CrossingSettings(**params.settings),
-                stated=StatedOfCrossing(
+                sheet_cells=StatedOfCrossing(
                     perturbed=params.perturbed,
                     direction=params.direction,
                     body_mass_kg=params.body_mass_kg,

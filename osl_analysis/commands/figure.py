@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the
-captions."""
+"""Compute the plotted numbers of figures, draw figures from them, and write captions.
+
+Example: `draw_figure("fig5", Path("figures/fig5.csv"), [Path("figures/fig5.pdf")])`.
+"""
 
 import math
 import textwrap
@@ -62,7 +64,7 @@ METADATA: Any = {
 
 SVG_POINTS_PER_INCH = 72
 
-# of the lines below a figure, which say where it comes from
+# The line below a figure that says where its data come from
 FOOTER_POINTS = 6  # size of the letters, the smallest that IEEE prints
 FOOTER_LINE_IN = 0.11  # height of a line
 
@@ -71,14 +73,16 @@ def plot_numbers(
     name: str,
     table: Path,
     option: Any = None,
-    others: Sequence[Path] = (),
+    further_tables: Sequence[Path] = (),
     findings: Sequence[Path] = (),
 ) -> pl.DataFrame:
-    """What figure `name` plots, from the result table that it shows, and others beside it, with the
-    `findings` on their rows. `option` is the value of the setting that the list of figures names;
-    None: not set."""
+    """The plotted numbers of a figure.
+
+    They come from its result table and `further_tables`, with the `findings` on their rows.
+    `option` is the value of the setting that `figures.yaml` names; None: not set.
+    """
     read = read_findings(findings)
-    shown = [joined(read_table(path), path.stem, read) for path in others]
+    shown = [joined(read_table(path), path.stem, read) for path in further_tables]
     if option is not None:
         shown.append(option)
     described = described_tables_by_name()[FIGURES[name].table].columns
@@ -99,17 +103,17 @@ def draw_figure(
     Parameters
     ----------
     name
-        Of the figure.
+        The name of the figure.
     table_csv
-        The numbers that it shows.
+        The plotted numbers.
     outputs
         PDF, SVG or PNG files.
     refused
-        Why trials are missing that it would show.
+        The causes of missing trials.
     origin
-        What the data are; the first digits of the SHA-256 of `table_csv` are added.
+        The origin of the data; the first digits of the SHA-256 of `table_csv` are added.
     footer
-        Whether a small line below the figure says so, too; its metadata always do.
+        Whether a small line below the figure has the origin, as its metadata always have.
     """
     reasons = reasons_not_drawn(name, table_csv)
     texts = [f"{origin}, numbers {str(digest(table_csv))[:8]}"] if origin else []
@@ -124,7 +128,7 @@ def draw_figure(
 
 
 def reasons_not_drawn(name: str, table_csv: Path) -> list[str]:
-    """Why a figure is not drawn from its plotted numbers; empty if it is."""
+    """The reasons for which a figure is not drawn; none if it is."""
     causes = [cause.text for cause in not_analysed(table_csv)]
     if not causes and read_plotted(name, table_csv).is_empty():
         return [FIGURES[name].nothing]
@@ -132,7 +136,7 @@ def reasons_not_drawn(name: str, table_csv: Path) -> list[str]:
 
 
 def page_of_reasons(name: str, reasons: Sequence[str]) -> "PaperFigure":
-    """A page in place of a figure that is missing, which says why."""
+    """A page with the reasons, in place of a figure that is not drawn."""
     from osl_analysis.figures.style import DOUBLE_COLUMN, PaperFigure, paper_style
 
     lines = [f"{figure_title(name)} is not drawn"]
@@ -148,8 +152,8 @@ def page_of_reasons(name: str, reasons: Sequence[str]) -> "PaperFigure":
 def write_figure(
     figure: "PaperFigure", outputs: Sequence[Path], origin: str = "", footer: bool = True
 ) -> None:
-    """Write a figure as PDF, SVG or PNG, with what its data are in the metadata and, if there is to
-    be a footer, in one small line below it."""
+    """Write a figure as PDF, SVG or PNG, with the origin of its data in the metadata and, if
+    `footer`, in one small line below it."""
     from osl_analysis.figures.style import GREY, paper_style
 
     unknown = [path for path in outputs if path.suffix not in METADATA]
@@ -166,19 +170,19 @@ def write_figure(
         layout = figure.get_layout_engine()
         if layout is not None:
             layout.execute(figure)
-    # every format has the places that were just found, and is drawn once: "none" draws it twice
+    # the layout was found above; with another engine, "none", each format would be drawn twice
     figure.set_layout_engine(None)
     for path in outputs:
         metadata = {**METADATA[path.suffix], "Title": origin}
-        page = BytesIO()  # a writer that the disk interrupts would leave its file open
+        page = BytesIO()  # on a full disk, a writer to the file itself would leave it open
         figure.savefig(page, format=path.suffix.removeprefix("."), metadata=metadata)
         with atomic_path(path) as temporary:
             temporary.write_bytes(page.getvalue())
 
 
 def shorten_to_width(line: "Text", figure: "PaperFigure") -> None:
-    """Take letters off the end of a line until it is no wider than its figure; an ellipsis stands
-    for them. The metadata of the file have the whole text."""
+    """Shorten a line to the width of its figure, with an ellipsis. The file's metadata have it
+    whole."""
     text = line.get_text()
     while text and line.get_window_extent().width > figure.bbox.width:
         text = text[:-1].rstrip()
@@ -196,13 +200,13 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, markdown: Path, t
     Parameters
     ----------
     tables : Mapping of str to Path
-        The plotted numbers by the name of the figure, beside which its SVG file stands.
+        The files of plotted numbers by figure; the figure's SVG file is in the same folder.
     footer : str
-        What the data are.
+        The origin of the data.
     markdown : Path
-        Gets a section per figure: its title, and its caption and width, or why it is not drawn.
+        File for a section per figure: title, caption and width, or why it is not drawn.
     tex : Path
-        Gets a macro per drawn figure, as `\oslCaptionFigFive`.
+        File for a macro per drawn figure, as `\oslCaptionFigFive`.
     """
     from osl_analysis.figures.style import SINGLE_COLUMN
 
@@ -227,7 +231,7 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, markdown: Path, t
 
 
 def readable_name(figure: str) -> str:
-    """The name of a figure with its number apart, as `fig 5`."""
+    """The name of a figure with a blank before its number, as `fig 5`."""
     number = figure.removeprefix("fig")
     return f"fig {number}" if number.isdecimal() else figure
 
@@ -242,8 +246,8 @@ def drawn_width_in(drawing: Path) -> float:
 def fig3(
     curves: Sequence[Path], table: Path, summary: Path, findings: Sequence[Path]
 ) -> pl.DataFrame:
-    """The numbers of Fig. 3, from the trials' curves, `belt.csv` with the `findings` on its rows,
-    and `belt_summary.csv`."""
+    """The plotted numbers of Fig. 3, from the trials' curves, `belt.csv` with the `findings` on its
+    rows, and `belt_summary.csv`."""
     drawn = read_tables(curves, "belt_curves")
     belts = read_table(table, ["trial", *PLACE, "K_s", "doubtful"])
     judged = joined(belts, "belt", read_findings(findings))
@@ -258,14 +262,14 @@ def fig4(
     Parameters
     ----------
     series : Sequence of Path
-        Of the reported fits of the trials that may be shown. The first one that is not doubtful is,
-        or the first where all are.
+        Series of the trials that may be shown. The first trial that is not doubtful is drawn, or
+        the first where all are doubtful.
     table : Path
         `impedance.csv`.
     chosen : str
-        Why it is this trial.
+        The reason for the choice of trials, in words.
     findings : Sequence of Path
-        On the fits.
+        The findings on the fits.
 
     Returns
     -------
@@ -291,10 +295,12 @@ def fig7(
     weight: Weight,
     findings: Sequence[Path],
 ) -> pl.DataFrame:
-    """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that
-    most trials have, with the `findings` on their fits; the desired one (Eq. 11), if both are
-    known; and the linear model (Eq. 9), if the gains are known and the parameter file is of this
-    joint."""
+    """The plotted numbers of Fig. 7, for one K_d and B_d: those of `choice`, or of most trials.
+
+    They have measured responses, with the `findings` on their fits; the desired response (Eq. 11),
+    if K_d and B_d are known; and the linear model (Eq. 9), if the gains are known and the parameter
+    file is of this joint.
+    """
     responses = joined(read_table(table), "response", read_findings(findings))
     responses = responses.with_columns(look_numbers(responses["controller"]))
     if responses.is_empty():
@@ -310,8 +316,7 @@ def fig7(
 
 
 def fig7_points(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
-    """The same for rows of `response.csv` of one desired impedance in memory, without the column
-    `chosen`."""
+    """The plotted numbers of Fig. 7 from rows of `response.csv` of one desired impedance."""
     joint = joint_of(parameters) if parameters else None
     return plotted_numbers("fig7", responses, known_parameters(parameters), joint, weight)
 
@@ -326,9 +331,11 @@ def plot_walking_page(
     findings: Sequence[Path],
     settings: TimingSettings,
 ) -> pl.DataFrame:
-    """The numbers that the walking page plots. `crossings` are the perturbed ones,
-    `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`, `table`
-    `walking.csv`, with the `findings` on its rows."""
+    """The plotted numbers of the walking page.
+
+    `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`, `responses` is
+    `walking_responses.csv`, `table` is `walking.csv`, with the `findings` on its rows.
+    """
     from osl_analysis.figures.walking_page import walking_page_points
 
     isolated = read_table(
@@ -340,13 +347,13 @@ def plot_walking_page(
     selected = selected_crossings(crossings, selection)
     gaits: Gaits = read_model(unperturbed, Gaits)
     frames = []
-    for of_group in isolated.partition_by("group"):
-        trials = set(of_group["trial"])
+    for group_responses in isolated.partition_by("group"):
+        trials = set(group_responses["trial"])
         perturbed = [crossing for crossing in selected if crossing.name in trials]
         gait_curves = {
-            "unperturbed": gaits[of_group["group"][0]],
+            "unperturbed": gaits[group_responses["group"][0]],
             "perturbed": unperturbed_gait(perturbed, 1),
         }
-        points = walking_page_points(gait_curves, of_group.drop("group"), settings)
-        frames.append(points.with_columns(group=pl.lit(of_group["group"][0])))
+        points = walking_page_points(gait_curves, group_responses.drop("group"), settings)
+        frames.append(points.with_columns(group=pl.lit(group_responses["group"][0])))
     return pl.concat(frames, how="diagonal")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a trial to its estimates: the jobs of rule `fit`, one per experiment, and the same fits for
-the command line and notebooks.
+"""Fit a trial: the jobs of rule `fit`, one per experiment, and the same fits for the command line
+and notebooks.
 
 From the rule to K, in the order in which a maintainer reads:
 
@@ -12,8 +12,8 @@ From the rule to K, in the order in which a maintainer reads:
 5. `bench/regression.py`, `least_squares`: the normal equations A x = b of the groups' sums, which
    `stats/linear_fit.py`, `solved`, solves. K is x[0].
 
-How a recording becomes a trial stands in `commands/trials.py`; how intervals and verdicts are made
-of what was weighed in `bench/budgets.py`, `stats/budget.py` and `judge/judging.py`.
+`commands/trials.py` makes trials of recordings. `bench/budgets.py`, `stats/budget.py` and
+`judge/judging.py` make intervals and verdicts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -73,17 +73,17 @@ from osl_analysis.signals.plateaus import find_leaps
 
 @dataclass(frozen=True)
 class FitOutputs:
-    """Where the job of a fit writes."""
+    """The files that the job of a fit writes."""
 
     estimates: Path  # the first table of the experiment
-    others: Path  # an archive of its other tables
+    secondary_tables: Path  # an archive of its other tables
     data: str  # whether the recordings are simulated or measured
 
     def write(self, experiment: str, fit: FitTables) -> None:
         """Write all tables of a fit, in the order of the experiment's."""
         tables = fit.everything()
         first, *further = [table.name for table in EXPERIMENTS[experiment].tables]
-        by_place = {self.others / f"{name}.csv": tables[name] for name in further}
+        by_place = {self.secondary_tables / f"{name}.csv": tables[name] for name in further}
         estimates = tables[first].with_columns(**OUTCOME)
         by_place[self.estimates] = estimates.select(columns_of_trial(first))
         write_tables(by_place, self.data)
@@ -117,19 +117,19 @@ def fit_impedance_trial(
     settings: choices.ImpedanceAnalysis,
     windows: str | None = None,
 ) -> FitTables:
-    """Fit Eq. 15 to a trial, and weigh what else may have made its torque.
+    """Fit Eq. 15 to a trial, and weigh other explanations of its torque.
 
     Parameters
     ----------
     trial : Trial
     parameters : Path or None
     desired : DesiredImpedance
-        What the leg was asked to render, as far as it is known.
+        The impedance that the leg was asked to render, as far as it is known.
     weight : Weight
-        W of Eq. 14, with which its gains were selected.
+        W of Eq. 14, with which the gains were selected.
     settings : ImpedanceAnalysis
     windows : str or None
-        Those of the sheet [s], which are fitted where the motion is no stepped sine.
+        Windows of the sheet [s]; they are fitted where the motion is no stepped sine.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def fit_impedance_trial(
     # fit
     analysis = rendered_impedance(record)
 
-    # weigh, beside what is to be expected of the device
+    # weigh, with what the device should give
     p = known_parameters(parameters, ["n_T"])
     gains = desired.gains(known_parameters(parameters), weight)
     device = stated_of_device(parameters) if desired.controller else NOTHING_STATED
@@ -183,9 +183,11 @@ def check_and_remove_fixture(trial: Trial, settings: choices.BenchAnalysis) -> T
 
 def is_broken_outside(trial: Trial, cut: Trial, longest_gap_s: float) -> bool:
     """Whether an angle or the torque leaps, or has a long gap, in a part that was cut off a trial.
-    The filters would spread a leap into the windows, an angle that slipped there would look like
-    backlash, and no time base crosses the gap. A sound trial is filtered whole, since a filter
-    needs what lies around the windows."""
+
+    The filters would spread a leap into the windows. An angle that slipped there would look like
+    backlash, and no time base crosses the gap. A sound trial is filtered whole: a filter needs the
+    samples around the windows.
+    """
     first, last = cut.samples["time"][0], cut.samples["time"][-1]
     for column in {"theta", "theta_m", "torque"} & {*trial.columns}:
         time, values = trial.arrays(column)
@@ -308,12 +310,14 @@ def fit_trial_of_calibration(
 def fit_calibration_trial(
     trial: Trial, settings: choices.ImpedanceAnalysis, stated: Mapping[str, Any]
 ) -> FitTables:
-    """What a bench reads of a spring or an inertia that is known, or of its fixture alone; of the
-    sheet are `stated` the columns `known_...` and `fixture`."""
+    """The rows of a bench with a known spring or inertia, or with its fixture alone.
+
+    `stated` has the cells `known_...` and `fixture` of the sheet.
+    """
     uncertainty = (stated.get("known_percent") or 0.0) / 100
     known = None
     stated_fixture = settings.fixture
-    if stated.get("fixture"):  # alone, which nothing is taken off
+    if stated.get("fixture"):  # the fixture itself is measured, so that it is not taken off
         settings = settings.model_copy(update={"fixture": None})
     else:
         known = calibration.Known(stated.get("known_K"), stated.get("known_I"), uncertainty)
@@ -332,9 +336,11 @@ def fit_calibration_trial(
 
 
 def derive(table: Path, name: str, findings: Sequence[Path] = ()) -> pl.DataFrame:
-    """A table that is computed from another one alone: of controllers beside each other, the delay
-    of the bench, or the summary of a part of the drivetrain over its trials. Estimates that are
-    doubtful by the `findings` on the rows are in no mean."""
+    """A table that is computed from one other table.
+
+    It compares controllers, has the delay of the bench, or sums up a part of the drivetrain over
+    its trials. No mean has estimates that are doubtful by the `findings` on the rows.
+    """
     rows = joined(read_table(table), table.stem, read_findings(findings))
     if name == "compensation":
         return compensation_table(rows)
@@ -425,8 +431,8 @@ def fit_trial(
     findings = judged(table, config.doubtful.of(name), name, budget=budget)
     about_rows = findings_of_rows(table, chain(*findings))
     curves = (table for name, table in tables.estimates.items() if name.endswith("_curves"))
-    of_model = tables.samples.filter(pl.col("torque_model").is_finite())
-    series = of_model.select(pl.col("time") - pl.col("time").first(), "torque", "torque_model")
+    modelled = tables.samples.filter(pl.col("torque_model").is_finite())
+    series = modelled.select(pl.col("time") - pl.col("time").first(), "torque", "torque_model")
     return Fit(
         experiment=experiment,
         table=with_texts(table, about_rows, name),

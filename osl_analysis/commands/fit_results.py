@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the fit of one trial gives: its tables, and its estimates as attributes, as text and as
-JSON."""
+"""The result of the fit of one trial: its tables, and its estimates as attributes, text and JSON.
+
+Example: `fit_trial("impedance", trial, parameters, config).K_interval`.
+"""
 
 import math
 from base64 import b64encode
@@ -38,18 +40,19 @@ MOST_SHOWN = 20_000  # rows of a series; two minutes of a stepped sine have 30 p
 
 @dataclass(frozen=True)
 class FitTables:
-    """The tables of one fit by name. A user who asks for the estimates alone does not wait for the
-    others.
+    """The tables of one fit by name.
 
     Attributes
     ----------
     estimates : Mapping of DataFrame
-        And curves.
+        Estimates and curves.
     samples : DataFrame
-        As of `samples_of`.
+        All samples, as of `samples_of`.
     streams : Sequence of Mapping
         How the signals came on their time base, by the columns of `timebase.csv`.
     compute_others : callable
+        Computes the other tables. They take time, which a user of the estimates alone need not
+        spend.
     """
 
     estimates: Mapping[str, pl.DataFrame]
@@ -59,25 +62,31 @@ class FitTables:
 
     @property
     def row(self) -> Mapping[str, Any]:
-        """The last row of its first table: the fit to all of the trial."""
+        """The last row of its first table: the fit to the whole trial."""
         return next(iter(self.estimates.values())).row(-1, named=True)
 
     def everything(self) -> dict[str, pl.DataFrame]:
-        """All tables: `estimates`, the thinned `series`, `timebase`, which has a row per stream and
-        none where no grid was needed, and the others, which are computed now."""
+        """All tables: `estimates`, the others, the thinned `series`, and `timebase`.
+
+        `timebase` has a row per stream, and none where no grid was needed.
+        """
         trial = self.row["trial"]
         return {
             **self.estimates,
             **self.compute_others(),
             "series": thinned(self.samples),
-            "timebase": table_of([{"trial": trial, **each} for each in self.streams], "timebase"),
+            "timebase": table_of(
+                [{"trial": trial, **stream} for stream in self.streams], "timebase"
+            ),
         }
 
 
 def samples_of(analysis: Analysis, **motion: Array) -> pl.DataFrame:
-    """Samples of a whole trial: `time` [s], `motion`, which is by default the filtered angle
-    `theta_deg`, `torque` as it was fitted and `torque_model` [N*m] by the fit that stands for the
-    trial, and `is_fitted`."""
+    """Samples of a whole trial, filtered as for the fit.
+
+    Columns are `time` [s], `motion` (by default the angle `theta_deg`), `torque` [N*m],
+    `torque_model` [N*m] of the fit to the whole trial, and `is_fitted`.
+    """
     record = analysis.record
     return pl.DataFrame(
         {
@@ -120,11 +129,11 @@ def printed_units() -> Mapping[str, str]:
 
 
 def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
-    """A table as JSON in SI units: an object per row, null for what is not finite, with its
-    `findings`."""
+    """A table as JSON in SI units: an object per row with its `findings`; null for what is not
+    finite."""
     rows = table.to_dicts()
-    for row, of_row in zip(rows, findings, strict=False):
-        row["findings"] = [finding_json(finding) for finding in of_row]
+    for row, row_findings in zip(rows, findings, strict=False):
+        row["findings"] = [finding_json(finding) for finding in row_findings]
     return to_json(rows, indent=2, inf_nan_mode="null").decode()
 
 
@@ -147,20 +156,23 @@ def finding_json(finding: Finding) -> dict[str, Any]:
 def estimates_text(
     estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]], budget: pl.DataFrame | None
 ) -> str:
-    """The estimates as text: a line per fit and quantity, with its verdict, 95 % interval and
-    parts, the doubts about each row, and what an interval promises."""
+    """The estimates as text.
+
+    A fit and each of its quantities has a line, with 95 % interval, verdict and parts of the
+    interval. Doubts and the promises of intervals follow.
+    """
     lines = []
     rows = estimates.to_dicts()
-    of_fits = [each for each in chain(*findings) if each.table != QUALITY]
-    verdicts_of_rows = map(verdict_texts, findings_of_rows(estimates, of_fits))
-    of_rows = zip(
+    fit_findings = [finding for finding in chain(*findings) if finding.table != QUALITY]
+    verdicts_of_rows = map(verdict_texts, findings_of_rows(estimates, fit_findings))
+    facts_by_row = zip(
         rows,
         budgets_of_rows(rows, budget),
         findings or [()] * len(rows),
         verdicts_of_rows,
         strict=True,
     )
-    for row, budgets, of_row, verdicts in of_rows:
+    for row, budgets, row_findings, verdicts in facts_by_row:
         quality = f"VAF {written(row['VAF'], unit='%')} %" if "VAF" in row else "no VAF"
         lines.append(f"{row['trial']}, {fitted_motion(row)}: {quality}")
         for name in estimated(row):
@@ -169,10 +181,10 @@ def estimates_text(
             parts = parts_text(budgets[name]) if name in budgets else ""
             if parts:
                 lines.append(f"{'':<21}of which {parts}")
-        for finding in of_row:
+        for finding in row_findings:
             if finding.grade in (Grade.EXCLUDES, Grade.DOUBTS):
                 lines.append(f"  doubtful: {finding_text(finding)}")
-    lines.append("in brackets: the 95 % interval; of which: what its parts alone would make")
+    lines.append("in brackets: the 95 % interval; of which: the half-width of each part alone")
     promises = promise_texts(row.get("interval_method") for row in rows)
     lines += [f"interval by {promise}" for promise in promises]
     if any(row.get("K_range_low") is not None for row in rows):
@@ -181,14 +193,14 @@ def estimates_text(
 
 
 def parts_text(budget: Budget) -> str:
-    """The half-widths of the parts of an interval; empty of a single part, which makes all."""
+    """The half-widths of the parts of an interval; empty for a single part."""
     widths = {part: budget.half_width(part) for part in IN_INTERVAL}
     texts = [f"{part} {significant(width)}" for part, width in widths.items() if width]
     return ", ".join(texts) if len(texts) > 1 else ""
 
 
 def fitted_motion(row: Mapping[str, Any]) -> str:
-    """What of a trial is fitted: cycles, an amplitude, or a motion with its band."""
+    """The fitted part of a trial: cycles, an amplitude, or a motion with its band."""
     if "cycles" in row:
         return f"mean of cycles: {row['cycles']}"
     if row.get("amplitude_deg") is not None:
@@ -219,8 +231,10 @@ def estimate_line(row: Mapping[str, Any], name: str, verdict: str = "") -> str:
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:
-    """The quantities that a fit estimates, those with an interval (a joint without friction has no
-    B_viscous), or all its numbers."""
+    """The quantities of a fit that have an interval, or else all its numbers.
+
+    A joint without friction has no B_viscous.
+    """
     quantities = [name for name in row if f"{name}_low" in row and row[name] is not None]
     return quantities or [name for name, value in row.items() if isinstance(value, float)]
 
@@ -232,16 +246,17 @@ class Fit:
     Every column of its table is an attribute, with the value of the fit to all data: `fit.K_low`,
     `fit.VAF`. An absent value is None, as in the table. `fit.K_interval` is (low, high), the 95 %
     interval. An absent one is (NaN, NaN), so that there are always two numbers to compute and to
-    plot with. Meaning and unit of each are told by `osl-analysis results --columns`. `trial`,
+    plot with. `osl-analysis results --columns` lists unit and meaning of each. `trial`,
     `doubtful` and `remarks` are texts: the trial's name, and sentences of its findings. A notebook
     shows text and picture.
 
     Attributes
     ----------
     experiment : str
-        It names the table that the fit has rows of in a campaign.
+        The experiment, which has a table of this name in a campaign.
     table : polars.DataFrame
-        Those rows: one per amplitude, if there are several, and last the fit to all data.
+        The fit's rows of that table: one per amplitude, if there are several, and last the fit to
+        all data.
     series : polars.DataFrame
         `time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit
         explains.
@@ -249,12 +264,11 @@ class Fit:
         Torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another
         experiment.
     estimate_findings : Sequence of Sequence of Finding
-        What was judged of the estimates of each row: doubts, what could not be checked, notes.
+        The findings on the estimates of each row: doubts, checks that were not possible, remarks.
     budget : polars.DataFrame or None
-        What contributes to the uncertainty of each estimate, as in `budget.csv`.
+        The contributions to the uncertainty of each estimate, as in `budget.csv`.
     recording_checks : callable
-        Gives the checks of the recording, as in `quality.csv`. They are made where `findings` are
-        asked for.
+        Computes the checks of the recording, as in `quality.csv`, once `findings` are read.
 
     Examples
     --------
@@ -273,9 +287,9 @@ class Fit:
 
     @cached_property
     def findings(self) -> list[Sequence[Finding]]:
-        """Those of each row; the fit to all data has failed checks of the recording, too."""
-        *of_amplitudes, of_whole = self.estimate_findings
-        return [*of_amplitudes, [*of_whole, *failed_checks(self.recording_checks())]]
+        """The findings on each row; the fit to all data also has failed checks of the recording."""
+        *on_amplitudes, on_trial = self.estimate_findings
+        return [*on_amplitudes, [*on_trial, *failed_checks(self.recording_checks())]]
 
     @property
     def row(self) -> Mapping[str, Any]:
@@ -284,14 +298,16 @@ class Fit:
 
     @property
     def doubtful(self) -> str:
-        """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do.
-        Empty: nothing. A check that would exclude the trial from a campaign stands first."""
+        """The doubts about the fit to all data, with their limits and what to do; empty for none.
+
+        A check that would exclude the trial from a campaign stands first.
+        """
         return "\n".join(self.sentences(Grade.EXCLUDES) + self.sentences(Grade.DOUBTS))
 
     @property
     def remarks(self) -> str:
-        """What could not be checked, and why, a line each, and what is to be known, such as
-        friction; empty if there is nothing."""
+        """The checks that were not possible, and remarks such as friction, a line each; empty for
+        none."""
         lines = [f"not checked: {text}" for text in self.sentences(Grade.UNCHECKED)]
         lines += [f"remark: {text}" for text in self.sentences(Grade.NOTES)]
         return "\n".join(lines)
@@ -299,12 +315,12 @@ class Fit:
     @property
     def drawing(self) -> "PaperFigure":
         """Its series as Fig. 4 shows those of a campaign's trial."""
-        of_trial = self.series.with_columns(trial=pl.lit(self.trial))
-        return drawn("fig4", completed("fig4", of_trial))
+        trial_series = self.series.with_columns(trial=pl.lit(self.trial))
+        return drawn("fig4", completed("fig4", trial_series))
 
     def sentences(self, grade: Grade) -> list[str]:
         """The findings of a grade about the fit to all data, in words."""
-        return [finding_text(each) for each in self.findings[-1] if each.grade is grade]
+        return [finding_text(finding) for finding in self.findings[-1] if finding.grade is grade]
 
     def __getattr__(self, name: str) -> Any:
         """A column of the table, of the fit to all data, or its `NAME_interval`."""

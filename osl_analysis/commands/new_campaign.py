@@ -197,7 +197,7 @@ def schemas() -> dict[str, dict[str, Any]]:
     places, content = models_json_schema(
         [(model, "validation") for model in dict.fromkeys(models.values())]
     )
-    of_format = [
+    conditions_on_formats = [
         {"if": {"properties": {"format": {"const": name}}}, "then": places[model, "validation"]}
         for name, model in models.items()
     ]
@@ -205,7 +205,7 @@ def schemas() -> dict[str, dict[str, Any]]:
         "type": "object",
         "required": ["format"],
         "properties": {"format": {"enum": list(models)}},
-        "allOf": of_format,
+        "allOf": conditions_on_formats,
         **content,
     }
     return schema_of

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a run: its page, its methods section, and what a user must know at its end."""
+"""Write the report of a run: its page, its methods section, and the lines at its end.
+
+Example: `trace_text(summary, "K_s")` says from which files a headline number comes.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -83,14 +86,14 @@ def write_report(
     ----------
     files : ReportFiles
     about : Mapping of str to str
-        What the results are made of.
+        The origin of the results.
     sheet : Mapping of str to Mapping
         Rows of the sample sheet, also of excluded trials.
     output : Path
     refused : Sequence of NotAnalysed
-        What is missing, which these files tell.
+        The causes of missing results.
     left_out : str
-        Tells recordings that are not analysed.
+        A sentence on recordings that are not analysed.
     """
     all_findings = read_findings([files.findings])
     results = read_joined({**files.tables, "quality": files.verdicts}, all_findings)
@@ -100,15 +103,15 @@ def write_report(
     rows_of = {name: rows_by_trial(table) for name, table in results.items()}
     views = []
     for trial, row in sheet.items():
-        of_trial = {name: rows[trial] for name, rows in rows_of.items() if trial in rows}
+        trial_tables = {name: rows[trial] for name, rows in rows_of.items() if trial in rows}
         recordings = [named[trial] for named in (files.crossings, files.trials) if trial in named]
         views.append(
             trial_view(
                 row,
-                of_trial,
+                trial_tables,
                 findings_of.get(trial, ()),
                 missing.get(trial),
-                plotted_signals(row, of_trial, files.series.get(trial), recordings),
+                plotted_signals(row, trial_tables, files.series.get(trial), recordings),
             )
         )
     numbers = numbers_in_summary(content)
@@ -119,17 +122,17 @@ def write_report(
     unstated = read_table(files.states).cast(pl.String).filter(state="assumed")
     assumed = [f"{name} {value}" for name, value in unstated.select("setting", "value").rows()]
     note = f"Assumed, since nobody stated it: {', '.join(assumed)}." if assumed else ""
-    of_conditions = conditions(results["impedance"]) if "impedance" in results else []
+    condition_list = conditions(results["impedance"]) if "impedance" in results else []
     is_walking = "walking_summary" in results
-    of_groups = list(groups(results["walking_summary"])) if is_walking else []
+    group_list = list(groups(results["walking_summary"])) if is_walking else []
     page = {
         "about": about,
         "made_of": sentence(content),
         "answer": texts[0] if texts else "",
         "sentences": [counts, *texts[1:MOST_SENTENCES]],
         "notes": [content["intervals"], left_out, note, *changed_lines(content)],
-        "conditions": of_conditions,
-        "groups": of_groups,
+        "conditions": condition_list,
+        "groups": group_list,
         "numbers": numbers,
         "findings": findings_in_summary(content),
         "trials": views,
@@ -158,12 +161,12 @@ def write_methods(
     outputs: MethodsOutputs,
     captures: Sequence[Path] = (),
 ) -> None:
-    """Write what the campaign did as the text of a methods section.
+    """Write the text of a methods section.
 
     Parameters
     ----------
     about : Mapping of str to str
-        What the results are made of.
+        The origin of the results.
     settings : Mapping
         The configuration.
     sheet : Mapping of str to Mapping
@@ -174,7 +177,7 @@ def write_methods(
         `summary.json`.
     outputs : MethodsOutputs
     captures : Sequence of Path
-        Crossings, the first of which tells the rates of markers and plate.
+        Crossings; the first one has the rates of markers and plate.
     """
     facts = methods.MethodsFacts(
         about=about,
@@ -191,7 +194,7 @@ def write_methods(
 
 
 def rates_of(crossing: Path) -> dict[str, str]:
-    """The rates [Hz] of markers and force plate of a recording, as far as it has them."""
+    """The rates [Hz] of markers and force plate of a recording, where it has them."""
     rates = {}
     for signals, begin in CAPTURED.items():
         names = [name for name in pl.read_parquet_schema(crossing) if name.startswith(begin)]
@@ -204,14 +207,14 @@ def rates_of(crossing: Path) -> dict[str, str]:
 
 
 def rows_by_trial(table: pl.DataFrame) -> dict[str, pl.DataFrame]:
-    """The rows of each trial of a table; none where it has no trials."""
+    """The rows of a table by trial; none for a table without trials."""
     if "trial" not in table.columns:
         return {}
     return {rows["trial"][0]: rows for rows in table.partition_by("trial")}
 
 
 WHAT_MOVES = {"actuator": "Actuator angle", "walking": "Ankle angle"}
-"""What moves in trials of an experiment, where it is not the joint."""
+"""Name of the moving part by experiment, where it is not the joint."""
 
 
 SHOWN_COLUMNS = {"time", "torque", "theta"}  # of a recording without a fit
@@ -223,8 +226,11 @@ def plotted_signals(
     series: Path | None,
     recordings: Sequence[Path],
 ) -> Signals | None:
-    """What the page plots of a trial: its fit, its response to a perturbation, or else the first
-    of its `recordings` with rows; None without torque and angle."""
+    """The plotted signals of a trial; None without torque and angle.
+
+    They are its fit, its response to a perturbation, or else the first of its `recordings` with
+    rows.
+    """
     motion = WHAT_MOVES.get(row["experiment"], "Joint angle")
     if series is not None:
         signals = fit_signals(read_table(series, name="series"), motion)
@@ -236,9 +242,8 @@ def plotted_signals(
         return fit_signals(tables["walking_responses"], motion, ISOLATED)
     for recording in recordings:
         shown = sorted(SHOWN_COLUMNS & pl.read_parquet_schema(recording).keys())
-        samples = pl.read_parquet(
-            recording, columns=shown, glob=False
-        )  # none of a crossing that is excluded
+        # an excluded crossing has no rows
+        samples = pl.read_parquet(recording, columns=shown, glob=False)
         if len(samples) and len(shown) > 1:
             return recording_signals(samples, f"{motion} (deg)")
     return None
@@ -247,7 +252,7 @@ def plotted_signals(
 def drawn_figures(
     figures: Mapping[str, Path],
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """The figures with their captions, and, by title, why each of the others is not drawn."""
+    """The figures with their captions; and by title, the reasons for which others are not drawn."""
     drawn = []
     absent = {}
     for name, path in figures.items():
@@ -266,7 +271,7 @@ def drawn_figures(
 CAPTURED = {"markers": "marker_", "the force plate": "plate"}
 """Signals of a crossing, and how their columns begin."""
 MOST_SENTENCES = 3
-"""Of the page, the first of which answers, beside how many trials are doubtful and what to do."""
+"""Sentences at the top of the page; the first one is the answer."""
 MOST_TRIALS = 12
 """Trials that are named in a line."""
 REMEDY_OF_RUN = (
@@ -284,7 +289,7 @@ def write_brief(
     failed_trials: str,
     output: Path,
 ) -> None:
-    """Write what a user must know at the end of a run.
+    """Write the lines at the end of a run.
 
     Parameters
     ----------
@@ -293,7 +298,7 @@ def write_brief(
     recordings
         The raw files of every trial of the campaign.
     left_out
-        On recordings that are not analysed.
+        A sentence on recordings that are not analysed.
     failed_trials
         `refuse` or `accept` trials that could not be analysed.
     output
@@ -321,8 +326,10 @@ def failure_lines(
     missing_results: Mapping[str, Any],
     recordings: Mapping[str, Sequence[str]],
 ) -> list[str]:
-    """What has no result: a line per cause, one for all trials that have it. The file named is a
-    trial's recording, which the user can correct."""
+    """The lines on trials without a result, one per cause, and on missing results.
+
+    A line names the recording, which the user can correct.
+    """
     by_cause: dict[str, dict[str, str]] = {}
     for trial, reason in sorted(reasons.items()):
         files = recordings[trial]
@@ -333,20 +340,19 @@ def failure_lines(
     lines = []
     if reasons:
         lines.append(f"\nNOT ANALYSED: {len(reasons)} of {len(recordings)} trials.")
-    for of_cause in by_cause.values():
-        first, *others = of_cause
-        also = f" (also trials {listing(others, MOST_TRIALS)})" if others else ""
-        lines.append(of_cause[first] + also)
+    for lines_of_trial in by_cause.values():
+        first, *further_trials = lines_of_trial
+        also = f" (also trials {listing(further_trials, MOST_TRIALS)})" if further_trials else ""
+        lines.append(lines_of_trial[first] + also)
     lines += [f"  result {file}: {reason}" for file, reason in missing_results.items()]
     return lines
 
 
-# From which files, trials and settings a headline number comes, by the trace of
-# `summary.json`.
+# The origin of headline numbers, by the trace of `summary.json`
 
 
 def trace_text(summary: Mapping[str, Any], asked: str) -> str:
-    """Tell where numbers come from.
+    """The files, trials and settings that numbers come from, as text.
 
     Parameters
     ----------

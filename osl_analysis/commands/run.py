@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`osl-analysis run`: Snakemake on the campaign in this folder, and what is refused, or said, of it
-before its first job."""
+"""`osl-analysis run`: start Snakemake on the campaign in this folder, after checks.
+
+A campaign none of whose trials can be analysed is refused before its first job.
+
+Example: `snakemake_arguments(["--cores", "4"])`.
+"""
 
 import json
 import os
@@ -50,8 +54,8 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     parser = ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument(*CONFIGURED_BY, nargs="+", action="extend", type=Path, default=[])
     parser.add_argument(PROFILE, dest="profile")
-    given, others = parser.parse_known_args(arguments)
-    configurations: list[Path] = given.configfile
+    options, further_arguments = parser.parse_known_args(arguments)
+    configurations: list[Path] = options.configfile
     is_clone = Path("Snakefile").is_file() and Path("config/config.yaml").is_file()
     if not (configurations or CAMPAIGN.is_file() or is_clone):
         raise InputError(
@@ -62,23 +66,23 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     if CAMPAIGN.is_file() and CAMPAIGN not in configurations:
         configurations = [CAMPAIGN, *configurations]  # later ones override earlier ones
     for file in configurations:
-        read_mapping(file)  # of one that cannot be read, Snakemake shows a traceback
+        read_mapping(file)  # refuses a damaged file, for which Snakemake shows a traceback
     configured = []
     if configurations:
         configured = [CONFIGURED_BY[0], *map(str, configurations)]
-    if given.profile:
-        folder = profile_folder(given.profile)
+    if options.profile:
+        folder = profile_folder(options.profile)
         check_submission(folder)
-        others += [PROFILE, str(folder)]
-    return [*others, *configured, "--snakefile", str(shipped("Snakefile"))]
+        further_arguments += [PROFILE, str(folder)]
+    return [*further_arguments, *configured, "--snakefile", str(shipped("Snakefile"))]
 
 
 def check_working_folder(results: Path = Path(".snakemake")) -> None:
     """Refuse a folder in which the run or Snakemake cannot write: the run would end with a
     traceback."""
-    of_snakemake = Path(".snakemake")
-    below = (*of_snakemake.glob("*/"), *results.glob("*/"))
-    for folder in (Path(), of_snakemake, results, *below):
+    snakemake_folder = Path(".snakemake")
+    below = (*snakemake_folder.glob("*/"), *results.glob("*/"))
+    for folder in (Path(), snakemake_folder, results, *below):
         if folder.is_dir() and not os.access(folder, os.W_OK):
             raise InputError(
                 f"{folder.absolute()}: cannot be written to",
@@ -98,7 +102,7 @@ def profile_folder(name: str) -> Path:
     folder = shipped(name)
     if name == "none" or folder.is_dir():
         return folder
-    known = sorted(f"profiles/{other.name}" for other in shipped("profiles").iterdir())
+    known = sorted(f"profiles/{profile.name}" for profile in shipped("profiles").iterdir())
     raise InputError(
         f"{PROFILE} {name}: no such folder",
         f"correct it: there are {', '.join(known)}{nearest(name, known)}",
@@ -121,13 +125,12 @@ def check_submission(profile: Path) -> None:
 
 
 def end_run(summary: Path, brief: Path, verdict: Path, failed_trials: str) -> None:
-    """Write the `verdict` of a run, what its `brief` says.
+    """Write the `brief` of a run as its `verdict`.
 
     Raises
     ------
     InputError
-        The run fails: its `summary` counts refused trials or names missing results, which are not
-        to `accept`.
+        The `summary` has refused trials or missing results, and `failed_trials` is not `accept`.
     """
     content = json.loads(summary.read_text(encoding="utf-8"))
     has_failed = content["verdicts"]["refused"] or content["missing_results"]
@@ -139,12 +142,12 @@ def end_run(summary: Path, brief: Path, verdict: Path, failed_trials: str) -> No
 MOST_RECORDINGS = 5  # recordings that are named in one message
 
 
-def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Campaign, list[Path]]:
+def start_campaign(fields: Mapping[str, Any], files: Sequence[Path]) -> tuple[Campaign, list[Path]]:
     """Open the campaign that Snakemake runs.
 
     Parameters
     ----------
-    stated : Mapping
+    fields : Mapping
         The fields of the configuration that Snakemake merged from files.
     files : Sequence of Path
         These files; later ones override earlier ones.
@@ -158,9 +161,10 @@ def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Ca
     Raises
     ------
     InputError
-        A file is wrong; what `check_start` refuses; an example of a figure is not in the campaign.
+        A file is wrong; `check_start` refuses the campaign; the campaign lacks an example of a
+        figure.
     """
-    config = campaign_config(over_default(stated), [default_config(), *files])
+    config = campaign_config(over_default(fields), [default_config(), *files])
     planned = None
     simulation_files = []
     if config.simulation is not None:
@@ -175,8 +179,11 @@ def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Ca
 
 
 def first_look() -> list[str]:
-    """What a run of the campaign in this folder would refuse, at its start, or of single trials by
-    their source files: a dry run has no job that says it. Nothing of a simulated campaign."""
+    """The refusals of a run of the campaign in this folder, which a dry run has no job to find.
+
+    They are those at its start, and those of single trials by their source files. A simulated
+    campaign has none.
+    """
     problems: list[str] = []
     try:
         config = read_config(CAMPAIGN)
@@ -196,8 +203,8 @@ def check_start(campaign: Campaign) -> None:
     Raises
     ------
     InputError
-        What `check_campaign` and `check_names` refuse; a folder that is missing; a source file that
-        is wrong for every trial; a simulation without its libraries.
+        `check_campaign` or `check_names` refuses it; a folder is missing; the source files of all
+        trials are wrong; a simulation lacks its libraries.
     """
     check_campaign(campaign)
     check_names(campaign)
@@ -241,10 +248,7 @@ def check_simulator() -> None:
 
 
 def source_problems(campaign: Campaign) -> dict[str, str]:
-    """What is wrong with the source files of trials, by trial.
-
-    Trials with the same source files are looked at once.
-    """
+    """The error in the source files of each wrong trial; equal source files are read once."""
     problem_of: dict[tuple[Any, ...], str] = {}
     problems = {}
     for trial in campaign.trials():
@@ -268,9 +272,11 @@ def source_problems(campaign: Campaign) -> dict[str, str]:
 
 
 def left_out_recordings(campaign: Campaign) -> str:
-    """Sentences on the recordings that are not analysed: those whose row says so, and those in the
-    campaign's folder that no row names; empty without any. `init --from` gives a recording that
-    cannot be read no row."""
+    """Sentences on recordings that are not analysed; empty without any.
+
+    Their row says so, or no row names them: `init --from` gives a recording that cannot be read no
+    row.
+    """
     config = campaign.config
     ingested = campaign.trials("ingest_only")
     texts = []

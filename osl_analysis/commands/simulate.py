@@ -89,8 +89,8 @@ def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationS
     if followed.protocol is not None:
         chosen["protocol"] = settings.protocol.model_dump() | followed.protocol
     if chosen:
-        stated = {**settings.model_dump(), **chosen}
-        settings = validated(stated, SimulationSettings, settings_path)
+        fields = {**settings.model_dump(), **chosen}
+        settings = validated(fields, SimulationSettings, settings_path)
     if settings.walking is not None and not settings.walking.is_file():
         raise InputError(
             f"{settings_path}: walking: {settings.walking} is no file", "correct it, or write null"
@@ -103,9 +103,11 @@ def laboratory_of(settings: SimulationSettings, followed: SharedChoices) -> Walk
     bench."""
     if settings.walking is None:
         return None
-    own = read_yaml(settings.walking, WalkingSettings)
-    impedance = followed.impedance_trajectory or own.impedance
-    return own.model_copy(update={"gain_weight": settings.gain_weight, "impedance": impedance})
+    walking_settings = read_yaml(settings.walking, WalkingSettings)
+    impedance = followed.impedance_trajectory or walking_settings.impedance
+    return walking_settings.model_copy(
+        update={"gain_weight": settings.gain_weight, "impedance": impedance}
+    )
 
 
 def simulate_planned_trial(

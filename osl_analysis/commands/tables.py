@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Result tables from the tables of single trials, the summary with the headline numbers, and what
-their columns mean."""
+"""Make result tables from tables of single trials, judge them, and write the summary.
+
+Example: `gather([Path("fits/belt/b_1.csv")], "belt")`.
+"""
 
 import json
 import math
@@ -97,19 +99,19 @@ def gather(
     Parameters
     ----------
     rows : Sequence of Path
-        Their files, or the archives with a table of this name.
+        The files of single trials, or archives with a table of this name.
     name : str
     findings : Sequence of Path
-        The findings about the rows; none of a table that is not judged.
+        The findings on the rows; none for a table that is not judged.
     places : Places or None
         Joint and side of each trial.
     not_analysed : Sequence of NotAnalysed
-        Trials that have a row each without estimates, in the table of their fits.
+        Trials that get a row without estimates, in the table of their fits.
     """
     table = with_places(read_tables(rows, name), places)
     if judged_as(name) in JUDGED_TABLES:
-        of_rows = findings_of_rows(table, read_findings(findings), name)
-        table = with_texts(table, of_rows, name)
+        findings_by_row = findings_of_rows(table, read_findings(findings), name)
+        table = with_texts(table, findings_by_row, name)
     table = table.drop(unpublished(table, name), strict=False)
     if "status" in table.columns:
         without = rows_of_reasons(by_trial(not_analysed), NOT_ANALYSED)
@@ -119,10 +121,12 @@ def gather(
 
 
 def unpublished(table: pl.DataFrame, name: str) -> list[str]:
-    """Columns of single trials that the table of all has not: those that only findings read, and
-    shared errors of the bench of which none is stated."""
-    of_bench = [column for column in table.columns if column.endswith("_se_bench")]
-    unstated = [column for column in of_bench if not (table[column] > 0).any()]
+    """Columns of single trials that the table over trials leaves out.
+
+    They are those that findings alone read, and shared errors of the bench where none is stated.
+    """
+    bench_columns = [column for column in table.columns if column.endswith("_se_bench")]
+    unstated = [column for column in bench_columns if not (table[column] > 0).any()]
     return [*described_tables_by_name()[name].of_fits, *unstated]
 
 
@@ -133,8 +137,8 @@ def list_settings(states: Sequence[Mapping[str, Any]]) -> pl.DataFrame:
 
 
 def check_claims(tables: FilesByName, claims: Path, findings: Sequence[Path] = ()) -> pl.DataFrame:
-    """The claims of a file beside the result `tables`, whose doubtful estimates do not count, by
-    their `findings`: `claims.csv`."""
+    """`claims.csv`: the claims of a file, compared with the result `tables`. Estimates that are
+    doubtful by the `findings` do not count."""
     return claims_table(read_joined(tables, read_findings(findings)), read_claims(claims))
 
 
@@ -145,8 +149,8 @@ def judge(
     refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
 ) -> pl.DataFrame:
-    """`quality.csv`: the verdict on every trial from what was measured, with a row for each
-    that could not be measured, and why."""
+    """`quality.csv`: the verdicts on the checks of all trials. A trial that could not be measured
+    has one row with the reason."""
     verdicts = read_verdicts(rows, rules, accept)
     not_measured = rows_of_reasons(by_trial(refused), "refused")
     not_measured = not_measured.with_columns(verdict=pl.lit("refused"))
@@ -170,11 +174,11 @@ def judge_table(
     limits : Limits
         Accuracy and limits of the configuration on this table.
     rows : Sequence of Path
-        The files with its rows; none where all trials are refused, on which there are no findings.
+        The files with its rows; none where all trials are refused, which have no findings.
     budget : Sequence of Path
-        Those with the budgets of their estimates.
+        The files with the budgets of the estimates.
     faults : Mapping of str to str or None
-        By trial, the finding of a failed check, which names the cause of a doubt.
+        By trial, the source of a failed check, which names the cause of a doubt.
     places : Places or None
         Joint and side of each trial.
     """
@@ -186,7 +190,7 @@ def judge_table(
 
 
 def gather_findings(
-    of_tables: Sequence[Path],
+    table_findings_files: Sequence[Path],
     verdicts: Path,
     findings: Path,
     view: Path,
@@ -194,12 +198,12 @@ def gather_findings(
     refused: Sequence[NotAnalysed] = (),
     data: str = "",
 ) -> None:
-    """Write the findings of the campaign: those of its tables, and the failed checks of recordings.
+    """Write the findings of the campaign, on its tables and on failed checks of recordings.
 
     Parameters
     ----------
-    of_tables : Sequence of Path
-        What `judge_table` wrote.
+    table_findings_files : Sequence of Path
+        The files that `judge_table` wrote.
     verdicts : Path
         `quality.csv`.
     findings, view : Path
@@ -207,21 +211,23 @@ def gather_findings(
     calibration : Sequence of Path
         `calibration.csv`, if the campaign has recorded a known spring or inertia.
     refused : Sequence of NotAnalysed
-        Refused fits. What else was flagged of such a recording may follow from why it was refused,
-        as a slow clock does from a wrong unit.
+        Refused fits. Other flags of such a recording are left out: they may follow from the cause
+        of the refusal, as a slow clock follows from a wrong unit.
     data : str
         Whether the recordings are simulated or measured.
     """
-    of_refused = pl.col("trial").is_in(list(by_trial(refused)))
-    used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
-    told = campaign_findings(read_findings(of_tables), used, is_calibrated=bool(calibration))
-    table = findings_table(told)
+    is_refused = pl.col("trial").is_in(list(by_trial(refused)))
+    used = read_table(verdicts).filter(~is_refused | (pl.col("verdict") == "exclude"))
+    findings_of_campaign = campaign_findings(
+        read_findings(table_findings_files), used, is_calibrated=bool(calibration)
+    )
+    table = findings_table(findings_of_campaign)
     write_table(table, findings)
     write_table(view_of(table), view, data)
 
 
 def rows_of_reasons(reasons: Mapping[str, str], check: str) -> pl.DataFrame:
-    """A row per trial, with the reason why it is not used as remark."""
+    """A row per trial, with the reason for which it is not used as `remark`."""
     rows = [(trial, check, reason) for trial, reason in reasons.items()]
     columns = dict.fromkeys(("trial", "check", "remark"), pl.String)
     return pl.DataFrame(rows, schema=columns, orient="row")
@@ -234,15 +240,17 @@ def list_excluded(
     refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
 ) -> pl.DataFrame:
-    """`excluded.csv`: every trial that is not used, with why it was refused, the checks that
-    exclude it, what the sheet says, or why no result contains it. All that counts trials counts by
-    it."""
+    """`excluded.csv`: every trial that is not used, with its reasons.
+
+    A reason is a refusal, a check that excludes the trial, a cell of the sheet, or the lack of
+    another trial. All counts of trials use this table.
+    """
     results = read_by_name(tables)
-    of_crossings = dict[str, str]()
+    reason_of_crossing = dict[str, str]()
     for table in results.keys() & {"walking_crossings", "walking"}:
         results[table] = results[table].filter(pl.col("status") != LEFT_OUT)
         unused = results[table].drop_nulls("reason")
-        of_crossings.update(unused.select("trial", "reason").iter_rows())
+        reason_of_crossing.update(unused.select("trial", "reason").iter_rows())
     failed = read_table(verdicts).filter(verdict="exclude")
     failed = failed.drop("verdict", "joint", "side", strict=False)
     by_sheet = {trial: row["exclude"] for trial, row in sheet.items() if row["exclude"]}
@@ -251,7 +259,7 @@ def list_excluded(
         rows_of_reasons(by_trial(refused), REFUSED),
         failed,
         rows_of_reasons(by_sheet, BY_SHEET),
-        rows_of_reasons(of_crossings, CROSSING),
+        rows_of_reasons(reason_of_crossing, CROSSING),
     ]
     left_out = {trial for part in parts for trial in part["trial"]}
     needed = [trial for trial in serving_trials(sheet) if trial in left_out]
@@ -260,7 +268,7 @@ def list_excluded(
     without = dict.fromkeys(trials_without_result(sheet, results), why)
     parts.append(rows_of_reasons(without, LACKING))
     listed = pl.concat(parts, how="diagonal_relaxed")
-    # what follows from another cause is none
+    # a consequence of another cause is no cause
     follows = pl.col("check").is_in([CROSSING, LACKING])
     listed = listed.filter(~follows | pl.col("trial").is_first_distinct())
     return with_places(listed, places)
@@ -268,9 +276,9 @@ def list_excluded(
 
 @dataclass(frozen=True)
 class HeadlineFiles:
-    """The results that headline numbers are made of."""
+    """The results that headline numbers come from."""
 
-    tables: FilesByName  # those that the campaign has
+    tables: FilesByName  # tables that the campaign has
     trials: Sequence[Path]  # as Parquet, which have the digests of recordings
     excluded: Path
     verdicts: Path  # `quality.csv`
@@ -279,13 +287,14 @@ class HeadlineFiles:
 
 @dataclass(frozen=True)
 class HeadlineFacts:
-    """What a reader must know of a campaign's numbers."""
+    """The facts that a summary states beside its numbers."""
 
-    about: Mapping[str, str]  # what they are made of
+    about: Mapping[str, str]  # origin of the numbers
     beside_draft: bool  # whether the numbers of the paper's draft stand beside them
     settings: Mapping[str, str]  # that results depend on, by dotted name
-    stated: Mapping[str, str | None]  # the digests of what is stated
-    changed: Sequence[Mapping[str, Any]]  # what decides verdicts and is not the shipped default
+    stated: Mapping[str, str | None]  # digests of the files with statements
+    # settings that decide verdicts and differ from the shipped defaults
+    changed: Sequence[Mapping[str, Any]]
 
 
 def write_summary(
@@ -296,7 +305,7 @@ def write_summary(
     numbers_tex: Path,
     refused: Sequence[NotAnalysed] = (),
 ) -> None:
-    """Write headline numbers of a campaign, and what a reader must know of them.
+    """Write the summary of a campaign: headline numbers, verdicts, findings and their origin.
 
     Parameters
     ----------
@@ -313,7 +322,7 @@ def write_summary(
     tables = read_joined(files.tables, all_findings)
     numbers = list(headline_numbers(tables, facts.beside_draft))
     left_out = left_out_trials(read_table(files.excluded))
-    of_files = [cause.reason.partition(": ") for cause in refused if not cause.trial]
+    missing_files = [cause.reason.partition(": ") for cause in refused if not cause.trial]
     verdict_count, results_of_clear = verdict_counts(sheet, all_findings, left_out)
     findings_told = causes_in_campaign(all_findings, tables, read_table(files.verdicts))
     experiments = {name: row["experiment"] for name, row in sheet.items()}
@@ -324,7 +333,7 @@ def write_summary(
         "verdicts": verdict_count,
         "results_of_clear": results_of_clear,
         "answer": answer(tables),
-        "missing_results": {file: reason for file, _, reason in of_files},
+        "missing_results": {file: reason for file, _, reason in missing_files},
         "intervals": intervals_text(tables),
         "findings": [vars(finding) for finding in findings_told],
         "settings": facts.settings,
@@ -345,33 +354,35 @@ def write_paper_table(
     markdown: Path,
     findings: Sequence[Path] = (),
 ) -> None:
-    """Write a table for a paper: the budgets in `budget.csv`; else K, B and I of each condition in
-    `impedance.csv`, of each group in
-    `walking_summary.csv`, or else the components in summaries of the bench and in the parameter
-    file, with the draft's values if `beside_draft`. Doubtful estimates, by the `findings` on the
-    rows, are marked and in no mean."""
+    """Write a table for a paper, by the first of these that `tables` has.
+
+    `budget.csv` gives the parts of intervals; `impedance.csv` K, B and I of each condition;
+    `walking_summary.csv` those of each group. Else it is the components, of summaries of the bench
+    and of the parameter file, with the draft's values if `beside_draft`. Estimates that are
+    doubtful by the `findings` are marked, and in no mean.
+    """
     read = read_joined(tables, read_findings(findings))
     if "budget" in read:
         notes = [WIDTHS]
         means = [table for name, table in read.items() if name.endswith("_summary")]
         rows = interval_rows(read["budget"], read.get("impedance", pl.DataFrame()), means)
     elif "impedance" in read:
-        of_conditions = conditions(read["impedance"])
-        rows = condition_rows(of_conditions)
-        notes = notes_on_conditions(of_conditions)
+        condition_list = conditions(read["impedance"])
+        rows = condition_rows(condition_list)
+        notes = notes_on_conditions(condition_list)
     elif "walking_summary" in read:
-        of_groups = list(groups(read["walking_summary"]))
-        rows = condition_rows(of_groups)
-        notes = notes_on_groups(of_groups)
+        group_list = list(groups(read["walking_summary"]))
+        rows = condition_rows(group_list)
+        notes = notes_on_groups(group_list)
     else:
         known = known_parameters(parameters, [])
-        stated = {} if known is None else asdict(known)
-        stated = {name: value for name, value in stated.items() if math.isfinite(value)}
-        if "actuator_summary" in read and "n_m" in stated:
+        components = {} if known is None else asdict(known)
+        components = {name: value for name, value in components.items() if math.isfinite(value)}
+        if "actuator_summary" in read and "n_m" in components:
             product = read["actuator_summary"].filter(quantity="k_tau_n_m")
-            shares = pl.col("mean", "low", "high") / stated["n_m"]
+            shares = pl.col("mean", "low", "high") / components["n_m"]
             read["k_tau"] = product.with_columns(shares, quantity=pl.lit("k_tau"))
-        rows = component_rows(read, stated, beside_draft)
+        rows = component_rows(read, components, beside_draft)
         notes = [HALF_WIDTH_OF_MEAN]
     made_of = sentence(about)
     write_text(tex, tex_for_paper(rows, made_of, notes))
@@ -383,19 +394,19 @@ FITTED_ON_BENCH = {facts.tables[0].name for facts in EXPERIMENTS.values() if fac
 
 
 def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
-    """Which errors of calibration the intervals of a bench's tables include."""
-    of_bench = tables.keys() & FITTED_ON_BENCH
-    if not of_bench:
+    """A sentence on the errors of calibration in the intervals of the bench."""
+    bench_tables = tables.keys() & FITTED_ON_BENCH
+    if not bench_tables:
         return ""
-    columns = {column for name in of_bench for column in tables[name].columns}
+    columns = {column for name in bench_tables for column in tables[name].columns}
     if any(column.endswith("_se_bench") for column in columns):
         return "Of the bench's calibration, intervals contain only what is stated."
     return "Intervals on the bench have no errors that all trials share."
 
 
 def read_summary_file(summary_json: Path) -> dict[str, Any]:
-    """Read the summary that `write_summary` wrote. Raises InputError where it is missing, is none,
-    or is of another release."""
+    """Read the summary that `write_summary` wrote. Raises InputError where it is missing, damaged
+    or of another release."""
     check_analysed(summary_json)
     if not summary_json.is_file():
         raise InputError(
@@ -415,8 +426,8 @@ def read_summary_file(summary_json: Path) -> dict[str, Any]:
 
 
 def format_results_table(summary: Mapping[str, Any], markdown: bool) -> str:
-    """What a summary is made of, its numbers as Markdown or aligned, what to know of them, and what
-    is missing."""
+    """A summary as text: origin, numbers as Markdown or aligned columns, findings, and missing
+    results."""
     rows = [("quantity", "value", "interval", "n", "draft")]
     for number in numbers_in_summary(summary):
         draft = "" if number.draft is None else f"{number.draft:g}"

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may mend a recording whose fit is refused by a wrong sign, unit or channel.
+"""Find the remedy of a refused fit: a sign, unit or channel that makes the trial fit.
 
-The error names the changes of the source file that may mend it (`errors.Change`). They are tried on
-the recording, and those with which the trial can be fitted become its remedy. A fit that is not
-refused passes through here unchanged.
+The error names the changes of the source file that may mend it (`errors.Change`). Each is tried on
+the recording. Those with which the trial can be fitted become the remedy. A fit that is not refused
+passes through here unchanged.
 
 Example: `@tries_changes` before `def fit_belt_trial(trial, ...)`.
 """
@@ -25,20 +25,20 @@ from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.stats.budget import LIKELY
 from osl_analysis.stats.rounding import estimate_text
 
-FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
+FITS_WORSE = 2.0  # times the unexplained torque of the best change: beyond, a change is no remedy
 VAF_ROUNDING = 1e-6  # percent of the torque's variance; less is rounding
 USUAL_OF_K_D = (0.5, 1.5)  # K over the stated K_d, beyond which a change is no remedy
 
 Stated = ParamSpec("Stated")
-"""What a fit takes beside its trial."""
+"""The arguments of a fit beside its trial."""
 TrialFit = Callable[Concatenate[Trial, Stated], FitTables]
 
 
 def tries_changes(fit: TrialFit[Stated]) -> TrialFit[Stated]:
-    """Make a fit whose refusal has what makes the trial fit as its remedy, where a change does.
+    """Give a fit's refusal the changes that make the trial fit as its remedy.
 
-    It also refuses, with InputError, estimates that no joint has where angle and torque explain
-    each other better in exchanged channels.
+    The fit also refuses impossible estimates, with InputError, if angle and torque explain each
+    other better in exchanged channels.
     """
 
     @wraps(fit)
@@ -67,16 +67,16 @@ class Outcome:
 
     change: Change
     row: Mapping[str, Any]
-    fault_probability: float = 0.0  # of the recording
+    fault_probability: float = 0.0  # that the changed recording has a fault
 
     @property
     def unexplained(self) -> float:
-        """What the fit leaves of the torque's variance [percent]."""
+        """The unexplained share of the torque's variance [percent]."""
         return max(100.0 - float(self.row["VAF"]), VAF_ROUNDING)
 
     @property
     def text(self) -> str:
-        """What to do, and the first estimate that it gives."""
+        """What to do, and the first estimate after it."""
         name = estimated(self.row)[0]
         return (
             f"{self.change.words}: {name} {estimate_text(self.row, name)} {printed_units()[name]}"
@@ -84,9 +84,11 @@ class Outcome:
 
 
 def check_not_swapped(refit: Callable[[Trial], FitTables], trial: Trial, tables: FitTables) -> None:
-    """Refuse estimates that no joint has, with InputError, if angle and torque explain each other
-    much better in exchanged channels, and without a fault. A late torque makes B negative, too, and
-    is late in exchanged channels as well."""
+    """Refuse impossible estimates, with InputError, if exchanged channels fit much better.
+
+    Exchanged channels with a fault do not count: a late torque makes B negative, too, and is late
+    in exchanged channels as well.
+    """
     row = tables.row
     if not {"theta", "torque"} <= set(trial.columns):
         return
@@ -110,15 +112,16 @@ def diagnose(
 ) -> list[Outcome]:
     """Try sign, unit and swapped channels of a refused trial.
 
-    The changes of the lowest rank are returned with which it can be fitted to possible estimates,
-    and about as well as with the best of them."""
+    Changes are returned with which the fit gives possible estimates and fits about as well as with
+    the best change. All are of the lowest rank that has any.
+    """
     expanded = []
     for change in changes:
         column = change.other_unit_of
         expanded += in_other_units(trial, [column]) if column else [change]
     expanded.sort(key=lambda change: change.rank)
-    for _, of_rank in groupby(expanded, key=lambda change: change.rank):
-        outcomes = [outcome_of(refit, trial, change) for change in of_rank]
+    for _, changes_of_rank in groupby(expanded, key=lambda change: change.rank):
+        outcomes = [outcome_of(refit, trial, change) for change in changes_of_rank]
         possible = [outcome for outcome in outcomes if outcome and is_physical(outcome.row)]
         if possible:
             most = FITS_WORSE * min(outcome.unexplained for outcome in possible)
@@ -127,7 +130,7 @@ def diagnose(
 
 
 def outcome_of(refit: Callable[[Trial], FitTables], trial: Trial, change: Change) -> Outcome | None:
-    """What the fit gives with a change; None where it is refused."""
+    """The outcome of the fit with a change; None where it is refused."""
     try:
         tables = refit(changed(trial, change))
     except OslAnalysisError:
@@ -135,7 +138,7 @@ def outcome_of(refit: Callable[[Trial], FitTables], trial: Trial, change: Change
     budget = tables.estimates.get("budget", table_of([], "budget"))
     faults = budget.filter(estimate="K", part="fault").drop_nulls("standard")
     weighed = faults.filter(basis="weighed")["probability"]
-    # where none was weighed, a fault is not ruled out
+    # where no fault was weighed, none is ruled out
     return Outcome(change, tables.row, float(weighed.sum()) if len(faults) else 1.0)
 
 
@@ -147,13 +150,13 @@ def changed(trial: Trial, change: Change) -> Trial:
 
 
 def is_physical(row: Mapping[str, Any]) -> bool:
-    """Whether a fit gives what a joint can have: a stiffness that is told from 0 and near a stated
-    K_d, and no negative damping."""
+    """Whether a joint can have these estimates: a stiffness above 0 and near a stated K_d, and no
+    negative damping."""
     first = estimated(row)[0]
     low = row.get(f"{first}_low")
     if first in ("K", "K_s") and low is not None and low <= 0:
         return False
     if (row.get("B_high") or 0.0) < 0:
         return False
-    of_K_d = row.get("K_over_K_d")
-    return of_K_d is None or USUAL_OF_K_D[0] <= of_K_d <= USUAL_OF_K_D[1]
+    share_of_K_d = row.get("K_over_K_d")
+    return share_of_K_d is None or USUAL_OF_K_D[0] <= share_of_K_d <= USUAL_OF_K_D[1]

@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs of the walkway: calibration, plate, crossings, and the fit of each perturbation; and the
-files between them."""
+"""Jobs of the walkway, and the files between them.
+
+Their order: `calibrate`, `identify_plate`, `find_timing`, `analyse`, `select_crossings`,
+`average_unperturbed`, `fit_perturbation`. `commands/walking_summary.py` sums them up by group.
+
+Example: `read_crossing(Path("crossings/walk_1.parquet")).theta`.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -52,12 +57,12 @@ from osl_analysis.walking.poses import StaticCalibration, static_calibration
 from osl_analysis.walking.set_up import body_mass
 
 Gaits = dict[str, UnperturbedGait]
-"""By group; of one with fewer crossings than the least there is none."""
+"""Mean gaits by group; a group with too few crossings has none."""
 ADAPTERS: dict[Any, TypeAdapter[Any]] = {
     kind: TypeAdapter(kind)
     for kind in (StaticCalibration, PlateModel, Gaits, PlateTiming, Crossing)
 }
-"""What reads and writes each kind of result: to make one takes as long as to use it."""
+"""Readers and writers by kind of result, made once: making one takes as long as using it."""
 NO_GAIT = (
     "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than"
     " fewest_unperturbed are used; record more, or leave the condition empty in the sheet where"
@@ -66,8 +71,10 @@ NO_GAIT = (
 
 
 def write_model(model: Any, path: Path) -> None:
-    """Write a calibration, the plate's model, or gaits by name as JSON; arrays are lists, NaN is
-    null."""
+    """Write a calibration, the plate's model, or gaits by name as JSON.
+
+    Arrays are lists, NaN is null.
+    """
     kind = Gaits if isinstance(model, dict) else type(model)
     write_text(path, ADAPTERS[kind].dump_json(model, indent=1).decode() + "\n")
 
@@ -85,7 +92,7 @@ def read_model(path: Path, kind: Any) -> Any:
 
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
-    """Write a crossing as a trial: arrays (..., n) as columns beside the phase of stance, the rest
+    """Write a crossing as a trial: arrays (..., n) and the phase of stance as columns, other fields
     as provenance."""
     columns = {
         "time": crossing.time,
@@ -101,15 +108,17 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
 
 
 def write_refusal(name: str, reason: str, path: Path) -> None:
-    """Write a crossing's file without rows, with the reason in its provenance, so that other
-    crossings are analysed."""
+    """Write a crossing's file without rows and with the reason in its provenance.
+
+    So other crossings are still analysed.
+    """
     provenance = json.dumps({"refused": reason})
     metadata = {NAME_KEY: name, PROVENANCE_KEY: provenance, SCHEMA_KEY: str(SCHEMA)}
     write_empty(("time", "phase", "theta", "torque"), path, metadata)
 
 
 def read_crossing(path: Path) -> Crossing:
-    """A crossing that was not refused."""
+    """Read a crossing. Raises InputError where it was refused."""
     crossing = read_crossing_file(path)
     if isinstance(crossing, str):
         raise InputError(f"{path}: the crossing was refused: {crossing}")
@@ -144,8 +153,10 @@ def calibrate(
     output: Path,
     body_mass_kg: float | None = None,
 ) -> None:
-    """Marker clusters, ankle centre and axis of the static trial, to a JSON file. `body_mass_kg` is
-    that of a person whom the plates carry."""
+    """Write marker clusters, ankle centre and axis of the static trial to a JSON file.
+
+    `body_mass_kg` is that of a person who stands on the plates.
+    """
     recorded = read_trial(trial)
     with naming(f"trial {recorded.name}"):
         check_weight(recorded, body_mass_kg)
@@ -156,14 +167,14 @@ def calibrate(
 def calibrated_trials(
     trials: Sequence[Path], calibrations: Sequence[Path], statics: Mapping[str, str]
 ) -> list[tuple[Trial, StaticCalibration]]:
-    """The trials with the calibration of their static trial, which `statics` names, as far as it
-    was calibrated."""
-    of_static = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
+    """The trials with the calibration of their static trial, which `statics` names. A trial without
+    one is left out."""
+    calibration_of = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
     calibrated = []
     for path in trials:
         static = statics.get(path.stem)
-        if static in of_static:
-            calibrated.append((read_trial(path), of_static[static]))
+        if static in calibration_of:
+            calibrated.append((read_trial(path), calibration_of[static]))
     return calibrated
 
 
@@ -174,8 +185,10 @@ def identify_plate(
     settings: choices.PlateModelSettings,
     output: Path,
 ) -> None:
-    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. A warning says
-    so where the settings remove nothing."""
+    """Write the plate's inertia and lag, from trials of the unloaded plate, to a JSON file.
+
+    A warning is given where the settings remove nothing.
+    """
     if settings.plate_inertia == "none":
         advise(f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}")
         model = NO_CORRECTION
@@ -192,15 +205,15 @@ def find_timing(
     settings: choices.CrossingSettings,
     output: Path,
 ) -> None:
-    """The onsets [s] of all perturbed crossings by the mean ramp of the platform, and the plate's
-    lag in each, to a JSON file."""
+    """Write the onsets [s] of all perturbed crossings, by the mean ramp of the platform, and the
+    plate's lag in each, to a JSON file."""
     crossings = calibrated_trials(trials, calibrations, statics)
     write_model(timing_of(crossings, read_model(plate, PlateModel), settings), output)
 
 
 @dataclass(frozen=True)
 class StatedOfCrossing:
-    """What the sheet states of a crossing."""
+    """The cells of the sheet on a crossing."""
 
     perturbed: bool
     direction: str | None = None  # of the platform's turn: `up` or `down`
@@ -212,20 +225,19 @@ def analyse(
     calibration: Path,
     plate: Path,
     timing: Path,
-    stated: StatedOfCrossing,
+    sheet_cells: StatedOfCrossing,
     settings: choices.CrossingSettings,
     output: Path,
 ) -> None:
-    """Write angle and torque of one crossing, with its events, or, with a warning, why there are
-    none.
+    """Write angle, torque and events of one crossing, or the reason of its refusal with a warning.
 
     Parameters
     ----------
     trial : Path
         The recording.
     calibration, plate, timing : Path
-        Those of its static trial, of the plate and of all perturbed crossings.
-    stated : StatedOfCrossing
+        The results for its static trial, for the plate and for all perturbed crossings.
+    sheet_cells : StatedOfCrossing
     settings : CrossingSettings
     output : Path
         A Parquet file.
@@ -239,16 +251,16 @@ def analyse(
     try:
         with naming(f"trial {walked.name}"):
             crossing = analyse_crossing(
-                walked, static, model, stated.perturbed, settings, onset, lag
+                walked, static, model, sheet_cells.perturbed, settings, onset, lag
             )
-            expected = stated.direction
+            expected = sheet_cells.direction
             if expected is not None and crossing.direction not in (None, expected):
                 raise InputError(
                     f"the platform turned by {np.rad2deg(crossing.turn or 0.0):.1f} deg"
                     f" (positive: toes up), but the sheet says direction '{expected}'",
                     "correct the sheet, or exclude the trial",
                 )
-        crossing = replace(crossing, body_mass=body_mass(walked, stated.body_mass_kg))
+        crossing = replace(crossing, body_mass=body_mass(walked, sheet_cells.body_mass_kg))
     except OslAnalysisError as error:
         reason = str(error)
         advise(f"excluded: {reason}")
@@ -265,7 +277,7 @@ def select_crossings(
     places: Places | None = None,
     data: str = "",
 ) -> None:
-    """Write one row per crossing of the sheet: quality, group and, if it is not used, why."""
+    """Write one row per crossing of the sheet: quality, group, and the reason if it is not used."""
     results = {path.stem: read_crossing_file(path) for path in crossings}
     analysed = [crossing for crossing in results.values() if isinstance(crossing, Crossing)]
     refused = {name: reason for name, reason in results.items() if isinstance(reason, str)}
@@ -277,9 +289,11 @@ def select_crossings(
 def average_unperturbed(
     crossings: Sequence[Path], selection: Path, fewest: int, output: Path
 ) -> None:
-    """Write the unperturbed crossings that the table `selection` does not exclude, on a common grid
-    of stance phase, by group, to a Parquet file. A group with fewer than the `fewest` is left out
-    with a warning."""
+    """Write the mean unperturbed gait of each group, on a common grid of stance phase.
+
+    Crossings that the table `selection` excludes do not count. A group with fewer than the `fewest`
+    is left out with a warning.
+    """
     rows = read_table(selection, ["trial", "group", "reason"])
     rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
     rows = rows.drop_nulls("group")
@@ -287,10 +301,10 @@ def average_unperturbed(
     gaits = {}
     problems = []
     for name in dict.fromkeys(SEPARATOR.join(rows["group"]).split(SEPARATOR)):
-        of_group = rows.filter(pl.col("group").str.split(SEPARATOR).list.contains(name))
-        trials = of_group["trial"].to_list()
+        group_rows = rows.filter(pl.col("group").str.split(SEPARATOR).list.contains(name))
+        trials = group_rows["trial"].to_list()
         unperturbed = [c for c in selected if c.onset is None and c.name in trials]
-        unused = of_group.drop_nulls("reason").select("trial", "reason")
+        unused = group_rows.drop_nulls("reason").select("trial", "reason")
         try:
             gaits[name] = unperturbed_gait(unperturbed, fewest, dict(unused.iter_rows()))
         except InputError as error:
@@ -310,8 +324,8 @@ def fit_perturbation(
     output: Path,
     data: str = "",
 ) -> None:
-    """Write the row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is
-    excluded or has no fit."""
+    """Write the row of `walking.csv` of one perturbed crossing: the fit of Eq. 15, or the reason
+    for which there is none."""
     gaits: Gaits = read_model(unperturbed, Gaits)
     rows = read_table(selection, ["trial", "reason", "group"])
     reason, group = rows.filter(trial=crossing.stem).select("reason", "group").row(0)

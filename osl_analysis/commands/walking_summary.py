@@ -52,7 +52,7 @@ FEWEST_FITS = 2  # of perturbations, for a scatter
 
 @dataclass(frozen=True)
 class SummaryFiles:
-    """What earlier jobs found, and the file of what a leg was commanded."""
+    """The results of earlier jobs, and the file of the commanded trajectory."""
 
     table: Path  # `walking.csv`, with the fits to single perturbations
     crossings: Sequence[Path]  # the perturbed ones
@@ -172,7 +172,7 @@ def summarise_perturbations(
 
 
 def read_walked(files: SummaryFiles) -> Walked:
-    """What earlier jobs found. Raises InputError where a file is of another kind."""
+    """Read the results of earlier jobs. Raises InputError where a file is of another kind."""
     fits = read_table(files.table, ["trial"])
     return Walked(
         selected=crossings_in_groups(files.selection, fits),
@@ -187,7 +187,7 @@ def read_walked(files: SummaryFiles) -> Walked:
 def group_result(
     group: str, walked: Walked, settings: choices.TimingSettings, has_drivetrain: bool
 ) -> GroupResult:
-    """What the perturbations of one group give, or, with a warning, why they give nothing."""
+    """The result of one group, or the reason for which there is none, with a warning."""
     gait = walked.gaits.get(group)
     conditions = conditions_of(group, walked.selected, gait, walked.plate, walked.timing)
     fits = walked.fitted.filter(pl.col("trial").is_in(walked.perturbed(group)))
@@ -206,8 +206,11 @@ def group_result(
 def with_commanded(
     result: GroupResult, cells: Mapping[str, Any], trajectory: ImpedanceTrajectory | None
 ) -> list[dict[str, Any]]:
-    """The rows of the summary of a group with what was commanded: by the sheet (`cells` of its
-    first crossing), else by the trajectory at the fitted phase."""
+    """The rows of a group's summary with the commanded value.
+
+    It is that of the sheet (`cells` of the first crossing), else that of the trajectory at the
+    fitted phase.
+    """
     rows = []
     for row in result.summary:
         name = f"{row['quantity']}_d"  # K_d, B_d; no I is commanded
@@ -225,24 +228,24 @@ def common_side(trials: Sequence[str], places: Places) -> str | None:
 
 
 def tabulate_groups(summary: Path, fits: Path, findings: Sequence[Path]) -> pl.DataFrame:
-    """`walking_summary.csv`: the estimates of each group with the findings on the group, and how
-    many fits to single perturbations are doubtful.
+    """`walking_summary.csv`: the estimates of each group, with its findings and the number of
+    doubtful fits to single perturbations.
 
     Parameters
     ----------
     summary : Path
-        What `summarise_perturbations` wrote.
+        The file that `summarise_perturbations` wrote.
     fits : Path
         `walking.csv`.
     findings : Sequence of Path
-        Those on groups and on single perturbations.
+        The findings on groups and on single perturbations.
     """
     read = read_findings(findings)
-    of_groups = joined(read_table(summary), "walking_summary", read)
+    group_estimates = joined(read_table(summary), "walking_summary", read)
     single = joined(read_table(fits), "walking", read).filter(pl.col(WHY_NO_FIT).is_null())
     marked = single.with_columns(n_doubtful=is_doubtful(single))
     counts = marked.group_by("group").agg(pl.col("n_doubtful").sum().cast(pl.Int64))
-    rows = of_groups.join(counts, on="group", how="left", maintain_order="left").to_dicts()
+    rows = group_estimates.join(counts, on="group", how="left", maintain_order="left").to_dicts()
     for row in rows:
         if row["estimator"] != MEAN_OF_PERTURBATIONS:
             row["n_doubtful"] = None
@@ -255,8 +258,10 @@ def tabulate_groups(summary: Path, fits: Path, findings: Sequence[Path]) -> pl.D
 
 
 def estimate_verdict(row: Mapping[str, Any], doubts: Sequence[Doubt]) -> str | None:
-    """The verdict on an estimate of a group in words; None of a VAF, which has none, of a mean over
-    perturbations, which has no interval, unless it is doubtful, and without a result."""
+    """The verdict on an estimate of a group in words; None without a result.
+
+    A VAF has none, nor has a mean over perturbations, which has no interval, unless it is doubtful.
+    """
     if row["quantity"] not in QUANTITIES or row["mean"] is None:
         return None
     if doubts:
@@ -268,11 +273,11 @@ def estimate_verdict(row: Mapping[str, Any], doubts: Sequence[Doubt]) -> str | N
 
 
 def crossings_in_groups(selection: Path, fits: pl.DataFrame) -> pl.DataFrame:
-    """The crossings in their groups; the `reason` of one without a fit is that of the fit."""
+    """The crossings with their groups. A crossing without a fit has the reason of the fit."""
     in_groups = read_table(selection, ["trial", "reason", "group"])
-    reasons = fits.select("trial", of_fit=WHY_NO_FIT)
+    reasons = fits.select("trial", reason_of_fit=WHY_NO_FIT)
     in_groups = in_groups.join(reasons, on="trial", how="left", maintain_order="left")
-    return in_groups.with_columns(reason=pl.coalesce("reason", "of_fit"))
+    return in_groups.with_columns(reason=pl.coalesce("reason", "reason_of_fit"))
 
 
 def headline_of(
@@ -296,8 +301,10 @@ def headline_of(
 
 
 def commanded_trajectory(trajectory: Sequence[Path], data: str) -> ImpedanceTrajectory | None:
-    """What a leg was commanded; None without a file, and for a measured leg (`data`), which was not
-    commanded a synthetic trajectory."""
+    """The commanded trajectory; None without a file.
+
+    A measured leg (`data`) was not commanded a synthetic trajectory, and has none.
+    """
     if not trajectory:
         return None
     desired = read_impedance_trajectory(trajectory[0])

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The findings about the rows of a table of fits: from the budgets of their estimates, from the
-rules and from the configured limits."""
+"""Find the findings on the rows of a table of fits.
+
+They come from the budgets of the estimates, from the rules and from the configured limits.
+
+Example: `judged(impedance, limits, "impedance", budget=budget)[0]` are those on the first row.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -50,24 +54,24 @@ UNEXPLAINED = Source.UNEXPLAINED_TORQUE
 class Judged:
     """An estimate with its budget and its verdict."""
 
-    symbol: str  # K, B or I, whose accuracy it needs
+    symbol: str  # K, B or I: its accuracy is that of the symbol
     name: str  # its column
     judged: str  # the column that is judged, without friction where this is certain
     unit: str
     budget: Budget
     verdict: Verdict
     needed: float
-    own: Budget  # with what friction changes, where this is taken off the judged estimate
+    with_friction: Budget  # of `name`; another than `budget` where friction was taken off
 
     def moved(self, by: float) -> str:
-        """What a source would change, in words."""
-        if by >= floored_size(self.symbol, self.own.value):
+        """The change by a source, in words."""
+        if by >= floored_size(self.symbol, self.with_friction.value):
             return f"{self.name} by an unknown size, larger than itself"
         return f"{self.name} by {significant(by)} {self.unit}"
 
     def width(self, name: str, budget: Budget) -> str:
-        """How wide its interval is, or that without friction, beside what is needed, in words."""
-        largest = max(budget.in_parts(*IN_INTERVAL), key=lambda each: each.size)
+        """The half-width of an interval and the needed one, in words."""
+        largest = max(budget.in_parts(*IN_INTERVAL), key=lambda contribution: contribution.size)
         return (
             f"{name} is known to {significant(budget.half_width())} {self.unit}"
             f" (largest source: {largest.source.replace('_', ' ')}),"
@@ -93,15 +97,16 @@ def judged(
     name : str
         The name of the table.
     faults : Mapping of str to str, optional
-        By trial, the finding of a failed check of its recording, which names the cause where an
-        estimate is doubtful (`recording_checks.spoiled_trials`).
+        By trial, the source of a failed check of its recording, which names the cause of a
+        doubtful estimate (`recording_checks.spoiled_trials`).
     budget : polars.DataFrame, optional
         `budget.csv`.
 
     Returns
     -------
     list of list of Finding
-        For each row doubts, remarks, then what could not be checked. Rows without a fit have none.
+        For each row doubts, checks that were not possible, then remarks. Rows without a fit have
+        none.
     """
     rules = rules_on(name, table.columns, limits.by_column)
     findings: RowFindings = []
@@ -129,21 +134,23 @@ def budgets_of_rows(rows: Sequence[AnyRow], budget: pl.DataFrame | None) -> list
 def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) -> list[Judged]:
     """The estimates of a row with their verdicts: those without friction where this is certain."""
     experiments = EXPERIMENTS.values()
-    of_trials = (e.impedance for e in experiments if table in [t.name for t in e.tables])
-    columns = next(of_trials, QUANTITIES)
+    names_by_table = (e.impedance for e in experiments if table in [t.name for t in e.tables])
+    columns = next(names_by_table, QUANTITIES)
     accuracy = limits.accuracy.model_dump()
     described = described_tables_by_name()[table]
     units = {**described.columns, **described.of_fits}
-    found = []
-    for symbol, own in zip(QUANTITIES, columns, strict=False):
-        name = WITHOUT_FRICTION[symbol] if WITHOUT_FRICTION[symbol] in budgets else own
+    estimates = []
+    for symbol, column in zip(QUANTITIES, columns, strict=False):
+        name = WITHOUT_FRICTION[symbol] if WITHOUT_FRICTION[symbol] in budgets else column
         if name in budgets:
             budget = budgets[name]
             needed = accuracy[symbol] * floored_size(symbol, budget.value)
             verdict = budget.verdict(needed)
             unit = units[name].unit
-            found.append(Judged(symbol, own, name, unit, budget, verdict, needed, budgets[own]))
-    return found
+            estimates.append(
+                Judged(symbol, column, name, unit, budget, verdict, needed, budgets[column])
+            )
+    return estimates
 
 
 def predicted_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) -> list[Judged]:
@@ -171,8 +178,10 @@ def findings_of_row(
     rules: Sequence[Rule],
     fault: Source | None,
 ) -> list[Finding]:
-    """What a row is doubted for, what is worth knowing of it, and what could not be checked; of its
-    `predicted` estimates whether their intervals are wide."""
+    """The findings on a row, worded and in their order.
+
+    `predicted` estimates have remarks on wide intervals alone.
+    """
     numbers = numbers_beyond(row, [rule for rule in rules if isinstance(rule, NumberRule)])
     are_weighed = any(e.budget.from_source(UNEXPLAINED) for e in estimates)
     for column, number in list(numbers.items()):
@@ -181,58 +190,67 @@ def findings_of_row(
             del numbers[column]
 
     if fault:
-        estimates = [of_spoiled(estimate, fault) for estimate in estimates]
-    found = [*doubts_of(estimates), *of_numbers(numbers), *properties_of(estimates, predicted)]
-    doubts = {finding.source for finding in found if finding.grade is Grade.DOUBTS}
-    found += [small for small in small_faults_of(estimates) if small.source not in doubts]
-    names = {finding.source for finding in found}
-    found = [
+        estimates = [with_fault(estimate, fault) for estimate in estimates]
+    findings = [
+        *doubts_of(estimates),
+        *findings_of_numbers(numbers),
+        *properties_of(estimates, predicted),
+    ]
+    doubts = {finding.source for finding in findings if finding.grade is Grade.DOUBTS}
+    findings += [small for small in small_faults_of(estimates) if small.source not in doubts]
+    names = {finding.source for finding in findings}
+    findings = [
         finding
-        for finding in found
+        for finding in findings
         if not any(number.rule and names & {*number.rule.unless} for number in finding.evidence)
     ]
-    found += not_checked(estimates)
+    findings += not_checked(estimates)
     for rule in rules:
         if isinstance(rule, RowRule) and rule.holds(row) and not names & {*rule.unless}:
             finding = Finding(rule.source, grade=rule.grade, says=rule.says, remedy=rule.remedy)
-            found.append(finding)
+            findings.append(finding)
     order = list(Grade)
-    # what spoils a recording before what follows from it, and a named cause before none
-    found.sort(key=lambda each: not known_finding(each.source).spoils_estimates)
-    found.sort(key=lambda each: (order.index(each.grade), each.source == UNEXPLAINED))
+    # both sorts keep equal ones in order: by grade, then a named cause before unexplained torque,
+    # then faults of the recording before what follows from them
+    findings.sort(key=lambda finding: not known_finding(finding.source).spoils_estimates)
+    findings.sort(key=lambda finding: (order.index(finding.grade), finding.source == UNEXPLAINED))
     subject, amplitude_deg = fit_of(row)
-    of_fit: dict[str, Any] = {
+    fit_fields: dict[str, Any] = {
         "table": table,
         "subject": subject,
         "joint": row.get("joint"),
         "side": row.get("side"),
         "amplitude_deg": amplitude_deg,
     }
-    return [worded(replace(each, **of_fit), row) for each in found]
+    return [worded(replace(finding, **fit_fields), row) for finding in findings]
 
 
-def of_spoiled(estimate: Judged, fault: Source) -> Judged:
-    """The estimate of a recording in which a check found a fault, which is then likely, and named:
-    what repeats and another motion leave open is the fault's, and a doubt beyond what is needed."""
+def with_fault(estimate: Judged, fault: Source) -> Judged:
+    """The estimate of a recording with a known fault, which names the cause of a doubt.
+
+    The half-width and the half-range of such an estimate are effects of the fault. Beyond what is
+    needed they make it doubtful.
+    """
     if estimate.verdict.rows:
         return replace(estimate, verdict=replace(estimate.verdict, name=fault))
-    left = math.hypot(estimate.budget.half_width(), estimate.budget.half_range)
-    has_friction = estimate.own is not estimate.budget  # at whose reversals a torque leaps, too
-    if has_friction or left <= estimate.needed:
+    uncertainty = math.hypot(estimate.budget.half_width(), estimate.budget.half_range)
+    # friction makes the torque leap at reversals, which checks take for faults
+    has_friction = estimate.with_friction is not estimate.budget
+    if has_friction or uncertainty <= estimate.needed:
         return estimate
-    row = Contribution(fault, left, basis="measured", part="fault")
+    row = Contribution(fault, uncertainty, basis="measured", part="fault")
     return replace(estimate, verdict=Verdict(fault, estimate.needed, (row,)))
 
 
 def doubts_of(estimates: Sequence[Judged]) -> list[Finding]:
-    """The doubts that budgets tell, by their source, or by what a check of the recording found."""
+    """The doubts of budgets, one for each source, or for each known fault of the recording."""
     by_source: dict[Source, list[Judged]] = {}
     for estimate in estimates:
         source = estimate.verdict.doubt
         if source is not None:
             by_source.setdefault(source, []).append(estimate)
     return [
-        of_estimates(
+        finding_on_estimates(
             source,
             Grade.DOUBTS,
             [evidence_of(estimate, source) for estimate in doubted],
@@ -243,8 +261,8 @@ def doubts_of(estimates: Sequence[Judged]) -> list[Finding]:
 
 
 def evidence_of(estimate: Judged, source: Source) -> Beyond:
-    """What is beyond its limit: the change by a fault; else the half-width, of which a likely fault
-    makes more than is needed."""
+    """The number beyond its limit: the change by a fault, else the half-width that a likely fault
+    widens."""
     verdict = estimate.verdict
     size, limit = verdict.size, verdict.limit
     if size <= limit:
@@ -255,8 +273,11 @@ def evidence_of(estimate: Judged, source: Source) -> Beyond:
 
 
 def doubt_text(source: Source, doubted: Sequence[Judged]) -> str:
-    """What a source would do to estimates: its likeliest cause and those that are hardly less
-    likely, their sizes, and what they leave unexplained where that matters, too."""
+    """The effect of a source on estimates, in words.
+
+    It names the likeliest cause and those that are hardly less likely, their sizes, and the torque
+    that they leave unexplained where it matters.
+    """
     causes: list[str] = []
     left = []
     for estimate in doubted:
@@ -275,21 +296,23 @@ def doubt_text(source: Source, doubted: Sequence[Judged]) -> str:
     text = " or ".join(dict.fromkeys(causes))
     if " or " in text:
         text += ", which this recording does not tell apart,"
-    text += f" would change {', '.join(each.moved(each.verdict.size) for each in doubted)}"
+    text += (
+        f" would change {', '.join(estimate.moved(estimate.verdict.size) for estimate in doubted)}"
+    )
     if left:
         text += f". Torque that it leaves unexplained could change at most {', '.join(left)}"
     return text
 
 
-def of_numbers(numbers: Numbers) -> list[Finding]:
-    """The numbers beyond their limits by their causes."""
+def findings_of_numbers(numbers: Numbers) -> list[Finding]:
+    """The findings by numbers beyond their limits, one for each cause."""
     by_cause: dict[tuple[Source, Grade], list[Beyond]] = {}
     for number in numbers.values():
         grade = number.rule.grade if number.rule else Grade.DOUBTS
         if known_finding(number.source).is_result:
             grade = Grade.NOTES
         by_cause.setdefault((number.source, grade), []).append(number)
-    found = []
+    findings = []
     for (source, grade), evidence in by_cause.items():
         remedies = [number.rule.remedy for number in evidence if number.rule]
         ends = [number.column for number in evidence if number.rule and number.rule.is_of_estimate]
@@ -300,27 +323,31 @@ def of_numbers(numbers: Numbers) -> list[Finding]:
             estimates=tuple(end.removesuffix("_high") for end in ends),
             remedy=next(filter(None, remedies), ""),
         )
-        found.append(finding)
-    return found
+        findings.append(finding)
+    return findings
 
 
 def properties_of(estimates: Sequence[Judged], predicted: Sequence[Judged] = ()) -> list[Finding]:
-    """Remarks: properties of the device that change an estimate by more than is needed, and
-    intervals that are wider, of `predicted` estimates too."""
+    """Remarks on properties of the device that change an estimate by more than is needed, and on
+    intervals that are wider, also of `predicted` estimates."""
     remarks: dict[Source, dict[Beyond, str]] = {}  # by source the sizes in words
     for estimate in estimates:
         sizes: dict[Source, tuple[float, str]] = {}
-        least = max(estimate.needed, estimate.own.half_width())
-        # of several of one source the largest
-        for each in sorted(estimate.own.in_parts("motion"), key=lambda each: each.size):
-            change = 2 * each.size  # from one end of the range to the other
-            if each.source in FINDINGS and change > least:
-                detail = f" ({each.detail})" if each.detail else ""
-                sizes[each.source] = (change, estimate.moved(change) + detail)
+        least = max(estimate.needed, estimate.with_friction.half_width())
+        motions = estimate.with_friction.in_parts("motion")
+        # from small to large: of several contributions of one source the largest stays
+        for motion in sorted(motions, key=lambda contribution: contribution.size):
+            change = 2 * motion.size  # from one end of the range to the other
+            if motion.source in FINDINGS and change > least:
+                detail = f" ({motion.detail})" if motion.detail else ""
+                sizes[motion.source] = (change, estimate.moved(change) + detail)
         for source, (size, text) in sizes.items():
             beyond = Beyond(estimate.name, size, estimate.needed, source, "above")
             remarks.setdefault(source, {})[beyond] = text
-        for name, budget in {estimate.name: estimate.own, estimate.judged: estimate.budget}.items():
+        for name, budget in {
+            estimate.name: estimate.with_friction,
+            estimate.judged: estimate.budget,
+        }.items():
             half = budget.half_width()
             if half > estimate.needed and not estimate.verdict.rows:
                 beyond = Beyond(name, half, estimate.needed, WIDE_INTERVAL, "above")
@@ -332,23 +359,23 @@ def properties_of(estimates: Sequence[Judged], predicted: Sequence[Judged] = ())
             text = estimate.width(estimate.name, estimate.budget)
             remarks.setdefault(WIDE_INTERVAL, {})[beyond] = text
     return [
-        of_estimates(source, Grade.NOTES, list(texts), ", ".join(texts.values()))
+        finding_on_estimates(source, Grade.NOTES, list(texts), ", ".join(texts.values()))
         for source, texts in remarks.items()
     ]
 
 
 def small_faults_of(estimates: Sequence[Judged]) -> list[Finding]:
-    """Remarks: faults that are likely and would change an estimate beyond its interval, by less
+    """Remarks on likely faults that change an estimate by more than its half-width, and by less
     than is needed."""
     remarks: dict[Source, dict[Beyond, str]] = {}
     for estimate in estimates:
         half = estimate.budget.half_width()
-        of_source: dict[Source, list[Contribution]] = {}
+        rows_of_source: dict[Source, list[Contribution]] = {}
         doubted = {row.source for row in estimate.verdict.rows}
         for row in estimate.budget.in_parts("fault"):
             if row.basis == "weighed" and row.source not in doubted:
-                of_source.setdefault(row.source, []).append(row)
-        for source, rows in of_source.items():
+                rows_of_source.setdefault(row.source, []).append(row)
+        for source, rows in rows_of_source.items():
             probability = sum(row.probability for row in rows)
             size = max(row.size for row in rows)
             if probability > LIKELY and size > half:
@@ -356,24 +383,26 @@ def small_faults_of(estimates: Sequence[Judged]) -> list[Finding]:
                 detail = f" ({rows[0].detail})" if rows[0].detail else ""
                 remarks.setdefault(source, {})[beyond] = estimate.moved(size) + detail
     return [
-        of_estimates(source, Grade.NOTES, list(texts), ", ".join(texts.values()))
+        finding_on_estimates(source, Grade.NOTES, list(texts), ", ".join(texts.values()))
         for source, texts in remarks.items()
     ]
 
 
-def of_estimates(source: Source, grade: Grade, evidence: Sequence[Beyond], size: str) -> Finding:
+def finding_on_estimates(
+    source: Source, grade: Grade, evidence: Sequence[Beyond], size: str
+) -> Finding:
     """A finding about the estimates of its evidence alone."""
     estimates = tuple(number.column for number in evidence)
     return Finding(source, grade=grade, evidence=tuple(evidence), estimates=estimates, size=size)
 
 
 def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
-    """What nobody has measured, with what it would change per unit."""
+    """The findings on what nobody has measured, with the change per unit."""
     sizes: dict[Source, list[str]] = {}
     for estimate in estimates:
-        for each in estimate.budget.unknown:
-            texts = [f"{estimate.name} {each.per}"] if each.per else []
-            sizes.setdefault(each.source, []).extend(texts)
+        for contribution in estimate.budget.unknown:
+            texts = [f"{estimate.name} {contribution.per}"] if contribution.per else []
+            sizes.setdefault(contribution.source, []).extend(texts)
     return [
         Finding(source, grade=Grade.UNCHECKED, size=", ".join(texts))
         for source, texts in sizes.items()

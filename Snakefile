@@ -28,7 +28,7 @@ rule complete:
     default_target: True
     input:
         recordings=SIMULATED_FILES,
-        trials=FILES.of_single_trials,
+        trials=FILES.files_of_single_trials,
         published=FILES.published,
         verdict="<results>/verdict.txt",
     localrule: True

@@ -5,7 +5,8 @@ Run from the repository: `python benchmarks/interval_coverage.py [seeds] [rows.c
 default, on two processes. `interval_recordings.py` makes the recordings. A row per recording goes
 into `build/coverage.csv`, and with the default seeds the table into `docs/bench_validation.md`.
 
-An interval is that of the same motion again. Under noise, a lean and a coarse encoder Eq. 15 holds,
+An interval is that of the same motion, started alike, again, or, where nothing repeats, of noise
+and misfit of the recording. Under noise, a lean and a coarse encoder Eq. 15 holds,
 and the truth is the joint's K, B and I. A hardening spring and friction are no part of Eq. 15: the
 truth is the same fit of the noise-free motion in the same rows. How far that lies from a plain
 least squares is told, too.

@@ -159,14 +159,14 @@ def named_in(settings: Any, name: str) -> Any:
 
 
 def states_of(
-    config: Config, stated: Mapping[str, Any], experiments: Collection[str]
+    config: Config, campaign_settings: Mapping[str, Any], experiments: Collection[str]
 ) -> list[dict[str, Any]]:
     """Find value and state of every setting that judges or labels some experiments.
 
     Parameters
     ----------
     config : Config
-    stated : Mapping
+    campaign_settings : Mapping
         The fields that the campaign's file states.
     experiments : Collection of str
 
@@ -182,7 +182,7 @@ def states_of(
         if not set(judged) & set(experiments):
             continue
         value = named_in(settings, name)
-        is_stated = config.simulation is not None or named_in(stated, name) is not None
+        is_stated = config.simulation is not None or named_in(campaign_settings, name) is not None
         is_empty = isinstance(value, dict) and not any(value.values())
         is_unused = name == "gain_weight" and config.parameters is None and not is_stated
         if is_empty or is_unused:

@@ -51,7 +51,7 @@ class Experiment:
     torque: str | None = None
     # other columns that every trial has, but markers and plates: a laboratory names them
     signals: Sequence[str] = ()
-    beside: Sequence[str] = ()  # columns that its analysis uses where a trial has them
+    optional_signals: Sequence[str] = ()  # columns that its analysis uses where a trial has them
     # columns of the sample sheet that its trials must fill
     sheet: Sequence[str] = ()
     follows: Sequence[str] = ()  # fields of `SharedChoices` that its simulated trials use
@@ -81,7 +81,7 @@ class Experiment:
         """Whether the analysis uses a column; all, of what is ingested only and of a walkway."""
         if self.place != "bench":
             return True
-        return column in (self.motion, self.torque, *self.signals, *self.beside)
+        return column in (self.motion, self.torque, *self.signals, *self.optional_signals)
 
 
 def experiment_of(facts: dict[str, Any]) -> Experiment:

@@ -367,7 +367,10 @@ def spans_other_time(clock: RecordedChannel, other_clock: RecordedChannel) -> bo
     both = np.isfinite(clock.numbers + other_clock.numbers)
     span = float(np.ptp(clock.numbers[both]))
     other_span = float(np.ptp(other_clock.numbers[both]))
-    return min(span, other_span) > 0 and abs(span_ratio(span, other_span, ()) - 1) > CLOCK.apart
+    return (
+        min(span, other_span) > 0
+        and abs(span_ratio(span, other_span, ()) - 1) > CLOCK.rate_difference
+    )
 
 
 def gaps_text(time: Array) -> str:

@@ -230,7 +230,7 @@ def canonical_columns(
         (channels[key], floats_of(values[key])) for key in channels if key.startswith(OTHER_TURNING)
     ]
     for ratio in compare_turning(time, in_si, other_turning):
-        origins[ratio.column].setdefault(ratio.kind, {})[ratio.other] = ratio.ratio
+        origins[ratio.column].setdefault(ratio.kind, {})[ratio.compared_with] = ratio.ratio
     return CanonicalColumns(columns, origins, remarks)
 
 

@@ -145,7 +145,7 @@ class ClockLimits:
     even_share: float = 0.8  # of the steps of a clock are even
     wrong_rate: float = 0.05  # share by which a stated rate may be off a clock before it is refused
     other_rate: float = 0.01  # share by which a stated rate may be off one that the file states
-    apart: float = 0.005  # share by which two clocks may differ: I is then 1 % wrong
+    rate_difference: float = 0.005  # share by which two clocks may differ: I is then 1 % wrong
     most_tried: int = 1000  # first rows of a column that decide whether it may be a clock
     longest_step: float = 0.06  # share of its span; one of `fewest_ticks` even steps is shorter
 
@@ -270,8 +270,8 @@ def check_other_clocks(
 
     Returns
     -------
-    apart
-        RMS [s] of the difference of each clock whose rate differs by `CLOCK.apart` or more.
+    differences_s
+        RMS [s] of the difference of each clock whose rate differs by `rate_difference` or more.
     remarks
         A sentence each.
 
@@ -301,7 +301,7 @@ def check_other_clocks(
         deviation = abs(ratio - 1)
         if rate and deviation > CLOCK.wrong_rate:
             rates[f"{key} '{channel.key}'"] = rate / ratio
-        if deviation > CLOCK.apart + steps.max() / steps.sum():
+        if deviation > CLOCK.rate_difference + steps.max() / steps.sum():
             differences_s[channel.key] = deviation * span / UNIFORM_WIDTH
             remarks.append(
                 f"{key} '{channel.key}' goes on {ratio:.4g} times as fast as time"

@@ -323,10 +323,10 @@ def measure_saturation(examined: Examined) -> dict[str, float]:
     }
 
 
-def saturated(trial: Trial, torque: str = "torque", other: str = "theta") -> pl.Expr:
+def saturated(trial: Trial, torque: str = "torque", other_column: str = "theta") -> pl.Expr:
     """The column `saturated_samples`: the longest `samples_at_rail` of a torque and another column,
     the angle or the current."""
-    longest = max(samples_at_rail(trial, column, torque) for column in (torque, other))
+    longest = max(samples_at_rail(trial, column, torque) for column in (torque, other_column))
     return pl.lit(longest, pl.Int64).alias("saturated_samples")
 
 

@@ -91,7 +91,7 @@ class TurnRatio(NamedTuple):
 
     column: str
     kind: str  # `speeds`: speed over the change of its angle; `gears`: motor's side over joint's
-    other: str  # the other column, or the key of a channel
+    compared_with: str  # the other column, or the key of a channel
     ratio: float  # [1]
 
 

@@ -16,10 +16,10 @@ def test_an_error_names_its_trial_once_and_knows_it(reason):
 
 
 @pytest.mark.parametrize(
-    ("remedy", "told"), [("", "x: no unit, as a"), ("add", "x: no unit; add, as a")]
+    ("remedy", "message"), [("", "x: no unit, as a"), ("add", "x: no unit; add, as a")]
 )
-def test_what_stands_behind_an_error_ends_its_remedy_or_else_its_reason(remedy, told):
+def test_what_stands_behind_an_error_ends_its_remedy_or_else_its_reason(remedy, message):
     with pytest.raises(InputError) as caught, naming("x", ", as a"):
         raise InputError("no unit", remedy)
 
-    assert str(caught.value) == told
+    assert str(caught.value) == message

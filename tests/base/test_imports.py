@@ -58,7 +58,7 @@ SLOW = (
 def test_a_door_opens_without_what_only_some_of_its_rooms_need(door, more):
     """What takes tenths of a second to import is imported where it is used."""
     code = f"{door}; import sys; print([name for name in {[*SLOW, *more]} if name in sys.modules])"
-    told = subprocess.run(
+    message = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert told.stdout.strip() == "[]"
+    assert message.stdout.strip() == "[]"

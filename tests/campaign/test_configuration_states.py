@@ -188,9 +188,9 @@ def test_recordings_that_are_not_analysed_are_named(tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x")
     row = {"log": "a.csv", "mocap": None, "experiment": "belt", "exclude": None}
-    told = left_out_recordings(Campaign(config, {"a": row}))
-    assert "b.csv" in told
-    assert str(tmp_path) in told
+    message = left_out_recordings(Campaign(config, {"a": row}))
+    assert "b.csv" in message
+    assert str(tmp_path) in message
     fell = {"a": row, "b": row | {"log": "b.csv", "exclude": "he fell"}}
     assert left_out_recordings(Campaign(config, fell)) == ""
     both = {"a": row, "b": row | {"log": "b.csv", "experiment": "ingest_only"}}

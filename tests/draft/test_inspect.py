@@ -112,9 +112,9 @@ def test_of_two_clocks_that_agree_the_first_is_taken_and_the_user_is_asked(tmp_p
     overview = module.inspect_file(path)
     time = yaml.safe_load(draft_source(overview, path.name))["time"]
     assert time["column"] == "loop_time"
-    (said,) = overview.open
-    assert re.search("loop_time.*sys_time.*loop_time", said)
-    assert f"# {said}\n" in draft_source(overview, "a")
+    (message,) = overview.open
+    assert re.search("loop_time.*sys_time.*loop_time", message)
+    assert f"# {message}\n" in draft_source(overview, "a")
 
 
 def clocks(**readings):

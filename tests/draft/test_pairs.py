@@ -38,14 +38,14 @@ def test_files_whose_names_differ_by_a_word_are_one_trial(tmp_path, second):
 
 
 @pytest.mark.parametrize(
-    ("files", "told"),
+    ("files", "message"),
     [
         ({"x": ENCODER, "x_torque": ("torque_Nm", OTHER)}, "does not follow"),
         ({"x": ENCODER, "x_torque": LOAD_CELL, "x_load": ("torque_Nm", 2 * ANGLE)}, "several"),
         ({"x_1": ENCODER, "x_2_torque": LOAD_CELL}, "missing"),
     ],
 )
-def test_files_that_may_not_be_one_trial_are_asked_and_each_keeps_its_row(tmp_path, files, told):
+def test_files_that_may_not_be_one_trial_are_asked_and_each_keeps_its_row(tmp_path, files, message):
     write(tmp_path, **files)
 
     draft = draft_campaign(tmp_path)
@@ -53,7 +53,7 @@ def test_files_that_may_not_be_one_trial_are_asked_and_each_keeps_its_row(tmp_pa
     assert [trial.cells["log"] for trial in draft.trials] == [
         f"{name}.csv" for name in sorted(files)
     ]
-    assert any(told in question for question, _ in draft.open)
+    assert any(message in question for question, _ in draft.open)
 
 
 def test_logs_of_another_day_or_run_are_no_pair(tmp_path):

@@ -77,9 +77,9 @@ def test_a_column_whose_pattern_changes_keeps_its_text(tmp_path):
 
     recording = formats.read(path, source)
 
-    said = said_in_refusal(lambda: values(recording, "load"))
-    assert "'load' holds no number" in said
-    assert "`missing`" not in said
+    message = said_in_refusal(lambda: values(recording, "load"))
+    assert "'load' holds no number" in message
+    assert "`missing`" not in message
 
 
 @pytest.mark.parametrize("sign", ["_", "'", " "])

@@ -119,7 +119,9 @@ def test_a_chunk_that_is_larger_than_it_states_is_lost(tmp_path, pack):
 
     assert tracemalloc.get_traced_memory()[1] < len(ZEROS) / 10
     tracemalloc.stop()
-    assert any("unpacks to other than its 1000 bytes" in told for told in recording.loss.remarks)
+    assert any(
+        "unpacks to other than its 1000 bytes" in message for message in recording.loss.remarks
+    )
 
 
 def test_what_a_job_has_no_memory_for_is_no_fault_of_the_file(tmp_path, monkeypatch):

@@ -83,11 +83,11 @@ def test_an_address_in_matlabs_notation_leads_to_the_numbers(write, address, exp
 
 
 @both_versions
-@pytest.mark.parametrize(("address", "said"), NOWHERE.items())
-def test_an_address_that_leads_nowhere_says_what_is_there(write, address, said, tmp_path):
+@pytest.mark.parametrize(("address", "message"), NOWHERE.items())
+def test_an_address_that_leads_nowhere_says_what_is_there(write, address, message, tmp_path):
     recording = formats.read(trials(write, tmp_path / "a.mat"))
 
-    assert said in refusal(recording, address)
+    assert message in refusal(recording, address)
 
 
 # --- what programs write ------------------------------------------------------------------------

@@ -205,18 +205,20 @@ def fewer_frames(folder):
 
 
 @pytest.mark.parametrize(
-    ("change", "description", "said"),
+    ("change", "description", "message"),
     [
         (longer, "in world coordinates", "walk_f_1.tsv: .*24 samples at 500 Hz beside 6 frames"),
         (fewer_frames, "in world coordinates", "6 frames, and states 9"),
         (lambda folder: None, "--", "AMTI 1.*`plate_axes: laboratory`"),
     ],
 )
-def test_what_the_files_of_an_export_do_not_tell_is_asked_for(tmp_path, change, description, said):
+def test_what_the_files_of_an_export_do_not_tell_is_asked_for(
+    tmp_path, change, description, message
+):
     path = write_tsv(tmp_path, description)
     change(tmp_path)
 
-    assert re.search(said, refusal_by(read_converted, path, qualisys_source(path)))
+    assert re.search(message, refusal_by(read_converted, path, qualisys_source(path)))
 
 
 @pytest.mark.parametrize("columns", [0, 2])
@@ -276,15 +278,15 @@ def test_markers_of_optitrack_are_read_in_the_unit_of_the_export(tmp_path, unit,
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (("Length Units,Meters", "Length Units,Feet"), "'Feet'"),
         ((f"Frames,{FRAMES}", "Frames,9"), "states 9 frames, and it holds 6"),
         (("Marker", "Bone"), "holds no marker"),
     ],
 )
-def test_an_export_of_optitrack_that_does_not_fit_is_refused(tmp_path, change, said):
+def test_an_export_of_optitrack_that_does_not_fit_is_refused(tmp_path, change, message):
     path = write_optitrack(tmp_path / "walk.csv")
     path.write_text(path.read_text().replace(*change))
 
-    assert re.search(said, refusal_by(read_converted, path, source_of("optitrack")))
+    assert re.search(message, refusal_by(read_converted, path, source_of("optitrack")))

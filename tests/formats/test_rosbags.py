@@ -87,7 +87,7 @@ def test_the_description_tells_what_a_cut_part_held(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         (DESCRIBED, b"a: {b: 9}", "metadata.yaml: "),
         ("bag_1.mcap", None, "1 of the 2 .*bag_1.mcap"),
@@ -96,13 +96,13 @@ def test_the_description_tells_what_a_cut_part_held(tmp_path):
         ("bag_1.mcap", b"SQLite format 3\0", "bag_1.mcap: "),
     ],
 )
-def test_a_folder_that_cannot_be_read_is_refused_with_what_helps(tmp_path, name, content, said):
+def test_a_folder_that_cannot_be_read_is_refused_with_what_helps(tmp_path, name, content, message):
     folder = write_folder(tmp_path / "bag")
     (folder / name).unlink()
     if content is not None:
         (folder / name).write_bytes(content)
 
-    assert re.search(said, said_in_refusal(read, folder))
+    assert re.search(message, said_in_refusal(read, folder))
 
 
 # --- one log in every container -----------------------------------------------------------------
@@ -178,10 +178,10 @@ def test_a_type_of_the_laboratory_without_a_definition_is_refused_by_name(tmp_pa
     recording = formats.read(folder, state_source(folder))
 
     assert defined.find({"topic": TOPIC, "field": FIELDS[0]}).values.size == 400
-    said = said_in_refusal(recording.find, {"topic": TOPIC, "field": FIELDS[0]})
-    assert LAB_STATE in said
-    assert STATE not in said
-    assert "`ros2 bag convert`" in said
+    message = said_in_refusal(recording.find, {"topic": TOPIC, "field": FIELDS[0]})
+    assert LAB_STATE in message
+    assert STATE not in message
+    assert "`ros2 bag convert`" in message
 
 
 def test_the_parts_of_a_split_recording_in_sqlite3_are_one_log(tmp_path):
@@ -220,18 +220,18 @@ def another_database(folder):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (messages_compressed, "each message is compressed .*`rosbags-convert"),
         (left_in_a_journal, "db3-wal: .*did not finish"),
         (another_database, "without the tables topics and messages"),
     ],
 )
-def test_what_of_sqlite3_cannot_be_read_is_refused_by_name(tmp_path, change, said):
+def test_what_of_sqlite3_cannot_be_read_is_refused_by_name(tmp_path, change, message):
     folder = write_sqlite(tmp_path / "bag", range(20))
     change(folder)
 
-    assert re.search(said, said_in_refusal(formats.read, folder))
+    assert re.search(message, said_in_refusal(formats.read, folder))
 
 
 def test_to_read_sqlite3_changes_no_file(tmp_path):

@@ -71,19 +71,19 @@ def test_a_truth_value_that_is_no_pulse_is_refused(tmp_path):
         channels={"theta": {"column": "a", "unit": "deg"}}, time={"column": "t", "unit": "s"}
     )
 
-    said = refusal(tmp_path, content, **stated)
+    message = refusal(tmp_path, content, **stated)
 
-    assert "'True'" in said
+    assert "'True'" in message
 
 
 def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_path):
     lines = table().splitlines(keepends=True)
     odd = "".join([*lines[:500], "0.5,1\n", *lines[500:]])
 
-    said = refusal(tmp_path, odd, **csv_source())
+    message = refusal(tmp_path, odd, **csv_source())
     skipped = read(tmp_path, odd, **csv_source(damaged="skip"))
 
-    assert re.search("line 501 .* 2 .* 3 .* 1 .* 901 .*repair these", said)
+    assert re.search("line 501 .* 2 .* 3 .* 1 .* 901 .*repair these", message)
     again = refusal(tmp_path, "".join(["Gain 4\n", *lines, "Gain 4\n", *lines[1:]]), **csv_source())
     assert f"before line {len(lines) + 2}," in again
     assert (skipped.loss.read, skipped.loss.expected) == (900, 901)

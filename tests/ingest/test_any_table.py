@@ -338,7 +338,7 @@ SWEEP = np.sin(np.arange(400) / 20)
 
 
 @pytest.mark.parametrize(
-    ("stamps", "time", "told"),
+    ("stamps", "time", "message"),
     [
         ((np.arange(400) * 4 + 65_000) % 2**16, {"unit": "ms"}, r"2\*\*16 ticks of 1 "),
         (
@@ -349,7 +349,7 @@ SWEEP = np.sin(np.arange(400) / 20)
         (np.full(400, 4.0), {"unit": "ms", "each": "interval"}, ""),
     ],
 )
-def test_a_counter_that_falls_goes_on_and_intervals_are_summed(tmp_path, stamps, time, told):
+def test_a_counter_that_falls_goes_on_and_intervals_are_summed(tmp_path, stamps, time, message):
     rows = np.column_stack([stamps, SWEEP, SWEEP])
     path = tmp_path / "a.csv"
     np.savetxt(path, rows, "%.10g", ",", header="t,a,q", comments="")
@@ -357,7 +357,7 @@ def test_a_counter_that_falls_goes_on_and_intervals_are_summed(tmp_path, stamps,
     recording = read_recognised(path, time={"column": "t", **time}, channels=SOURCE)
 
     np.testing.assert_allclose(recording.samples["time"], np.arange(400) * 0.004, atol=1e-9)
-    assert bool(told) == bool(re.search(told or "ticks", " ".join(recording.warnings)))
+    assert bool(message) == bool(re.search(message or "ticks", " ".join(recording.warnings)))
 
 
 AT_RATE = {"rate": 400.0}
@@ -398,6 +398,6 @@ def test_what_offset_and_wraps_at_do_is_told(tmp_path):
         channels={**SOURCE, "theta": angle},
     )
 
-    told = " ".join(recording.warnings)
-    assert re.search("`wraps_at` had no effect", told)
-    assert re.search("before `scale`, which shifts theta by 3.142 rad", told)
+    message = " ".join(recording.warnings)
+    assert re.search("`wraps_at` had no effect", message)
+    assert re.search("before `scale`, which shifts theta by 3.142 rad", message)

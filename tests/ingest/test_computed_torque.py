@@ -86,7 +86,7 @@ def test_a_torque_that_is_stated_to_be_measured_is_believed():
 
 
 @pytest.mark.parametrize(
-    ("stated", "told"),
+    ("stated", "message"),
     [
         ({"column": "effort"}, "effort"),
         ({"column": "1", "found": "torque [A]"}, "torque [A]"),
@@ -96,11 +96,11 @@ def test_a_torque_that_is_stated_to_be_measured_is_believed():
         ({"topic": "/currents", "field": "wrench.torque.z"}, None),
     ],
 )
-def test_a_torque_that_is_called_so_is_not_measured_until_it_is_stated(stated, told):
+def test_a_torque_that_is_called_so_is_not_measured_until_it_is_stated(stated, message):
     trial = trial_of(150 * THETA)
     trial.provenance["columns"] = {"torque": stated}
 
-    assert pl.select(computed_torque(trial)).item() == told
+    assert pl.select(computed_torque(trial)).item() == message
 
 
 def trial_of(torque, current=CURRENT):

@@ -25,7 +25,7 @@ channels:
 """
 
 
-def told(folder, channel, **columns):
+def message(folder, channel, **columns):
     """What is told of a log with a channel that is read, and other columns."""
     (folder / "log.yaml").write_text(SOURCE.replace("CHANNEL", channel))
     header = ",".join(["time", *columns, "torque"])
@@ -43,7 +43,7 @@ def told(folder, channel, **columns):
 def speeds(folder, angle, speed, readings=SPEED):
     """What is told of an angle in degrees that is read, and a speed that is not."""
     channel = f'theta: {{column: "{angle}", unit: deg}}'
-    return told(folder, channel, **{angle: ANGLE, speed: readings})
+    return message(folder, channel, **{angle: ANGLE, speed: readings})
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_word_in_a_speed_that_nothing_reads_refuses_nothing(tmp_path):
 def test_the_speed_of_another_joint_that_follows_is_no_contradiction(tmp_path):
     columns = {"hip [deg]": 0.7 * ANGLE, "hip_w [deg/s]": 0.7 * SPEED, "w [deg/s]": SPEED}
 
-    found = told(tmp_path, "theta: {column: knee, unit: deg}", knee=ANGLE, **columns)
+    found = message(tmp_path, "theta: {column: knee, unit: deg}", knee=ANGLE, **columns)
 
     assert found == {"speeds": {"'w'": pytest.approx(1, rel=0.003)}}
 
@@ -98,7 +98,7 @@ def test_the_speed_of_another_joint_that_follows_is_no_contradiction(tmp_path):
 def test_an_angle_that_no_analysis_reads_is_compared_with_a_speed(tmp_path):
     columns = {"motor_angle [deg]": 2 * ANGLE, "speed [deg/s]": SPEED}
 
-    found = told(tmp_path, "omega_m: {column: speed, unit: deg/s}", **columns)
+    found = message(tmp_path, "omega_m: {column: speed, unit: deg/s}", **columns)
 
     assert found == {"speeds": {"'motor_angle'": pytest.approx(0.5, rel=0.003)}}
 
@@ -106,7 +106,7 @@ def test_an_angle_that_no_analysis_reads_is_compared_with_a_speed(tmp_path):
 def test_angle_and_speed_of_an_actuator_are_compared_by_any_name(tmp_path):
     both = "theta_m: {column: a, unit: deg}\n  omega_m: {column: b, unit: deg/s}"
 
-    found = told(tmp_path, both, a=9 * ANGLE, b=SPEED)
+    found = message(tmp_path, both, a=9 * ANGLE, b=SPEED)
 
     assert found == {"speeds": {"omega_m": pytest.approx(1 / 9, rel=0.003)}}
 
@@ -129,7 +129,7 @@ def test_noise_and_a_filter_change_the_factor_by_less_than_3_percent():
     ],
 )
 def test_how_far_the_motor_turns_beside_its_joint_is_told(tmp_path, columns, channels, motor):
-    found = told(tmp_path, "theta: {column: knee, unit: deg}" + channels, **columns)
+    found = message(tmp_path, "theta: {column: knee, unit: deg}" + channels, **columns)
 
     assert found["gears"] == {motor: pytest.approx(40, rel=0.003)}
 

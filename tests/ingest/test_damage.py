@@ -48,12 +48,12 @@ def test_every_damage_is_told_at_once_and_left_out_by_one_remedy(tmp_path, lines
         "(?!.*damaged: skip.*damaged: skip)"
     ):
         converted(tmp_path, lines)
-    told = converted(tmp_path, lines, "damaged: skip\n")
+    message = converted(tmp_path, lines, "damaged: skip\n")
 
     rows = np.delete(np.arange(4000), [500, 900, 2000, 2001])
-    torque = told.samples["torque"].to_numpy()
+    torque = message.samples["torque"].to_numpy()
     assert np.isnan(torque).sum() == 2
-    np.testing.assert_allclose(told.samples["time"], TIME[rows], atol=1e-9)
+    np.testing.assert_allclose(message.samples["time"], TIME[rows], atol=1e-9)
     np.testing.assert_allclose(torque[~np.isnan(torque)].sum(), TORQUE[rows].sum(), atol=80)
 
 

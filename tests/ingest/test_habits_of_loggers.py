@@ -99,18 +99,18 @@ def test_a_driver_that_sends_in_batches_is_fitted_with_a_row_of_the_budget(tmp_p
 def test_nanoseconds_within_a_second_go_on_by_a_second():
     ticks = (730_999_947 + 9_999_990 * np.arange(300)) % 10**9
 
-    readings, said = unwrapped(ticks)
+    readings, message = unwrapped(ticks)
 
     np.testing.assert_array_equal(np.diff(readings), 9_999_990)
-    assert "a second" in said
+    assert "a second" in message
 
 
 @pytest.mark.parametrize("bits", [8, 16, 32])
 def test_a_counter_of_bits_goes_on_by_its_power_of_two(bits):
-    readings, said = unwrapped((3 * np.arange(2000) * 2 ** (bits - 8)) % 2**bits)
+    readings, message = unwrapped((3 * np.arange(2000) * 2 ** (bits - 8)) % 2**bits)
 
     assert np.unique(np.diff(readings)).size == 1
-    assert f"2**{bits}" in said
+    assert f"2**{bits}" in message
 
 
 def anew(rows, parts=3, start=0.0):
@@ -128,11 +128,11 @@ def test_several_recordings_in_a_file_are_told_with_the_lines_at_which_they_begi
         channels={"theta": {"column": "angle", "unit": "rad"}},
     )
 
-    said = refusal_by(read_converted, path, source)
+    message = refusal_by(read_converted, path, source)
 
-    assert "holds 3 recordings" in said
-    assert "line 202, line 402" in said
-    assert "interval" not in said
+    assert "holds 3 recordings" in message
+    assert "line 202, line 402" in message
+    assert "interval" not in message
 
 
 @pytest.mark.parametrize(

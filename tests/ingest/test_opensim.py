@@ -113,13 +113,13 @@ def test_a_table_is_read_with_any_blank_and_header(tmp_path, sign, header):
 
 
 @pytest.mark.parametrize(
-    ("header", "unit", "told"),
+    ("header", "unit", "message"),
     [("inDegrees=no", "deg/s", "rad/s"), ("inDegrees=yes", "rad/s", "deg/s")],
 )
-def test_a_unit_of_angles_that_the_header_contradicts_is_refused(tmp_path, header, unit, told):
+def test_a_unit_of_angles_that_the_header_contradicts_is_refused(tmp_path, header, unit, message):
     path = write_mot(tmp_path / "a.sto", header)
 
-    assert told in refused(path, channels={"omega_m": {**ANKLE, "unit": unit}})
+    assert message in refused(path, channels={"omega_m": {**ANKLE, "unit": unit}})
 
 
 # --- ground reactions ---------------------------------------------------------------------------
@@ -194,22 +194,22 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cells", "stated", "told"),
+    ("cells", "stated", "message"),
     [
         ({}, {"plates": {1: {**PLATE, "force": "L_v"}}}, "'L_vx'"),
         ({"700.0": "nan"}, {"plates": {1: PLATE}}, "'R_vy': nan .* 1 .* 80"),
     ],
 )
-def test_plates_that_cannot_be_read_are_refused(tmp_path, cells, stated, told):
+def test_plates_that_cannot_be_read_are_refused(tmp_path, cells, stated, message):
     path = write_forces(tmp_path)
     for old, new in cells.items():
         path.write_text(path.read_text().replace(old, new, 1))
 
-    assert re.search(told, refused(path, **stated))
+    assert re.search(message, refused(path, **stated))
 
 
 @pytest.mark.parametrize(
-    ("stated", "told"),
+    ("stated", "message"),
     [
         ({"plates": {1: PLATE}, "axes": ("x", "y", "-z")}, "'x', 'y', '-z'"),
         ({}, "`channels`,.*plates.*`plates`"),
@@ -223,8 +223,8 @@ def test_plates_that_cannot_be_read_are_refused(tmp_path, cells, stated, told):
         ),
     ],
 )
-def test_a_source_file_that_cannot_be_is_refused(stated, told):
-    with pytest.raises(ValueError, match=told):
+def test_a_source_file_that_cannot_be_is_refused(stated, message):
+    with pytest.raises(ValueError, match=message):
         source_of("opensim", **stated)
 
 

@@ -232,11 +232,11 @@ def test_a_log_of_this_habit_gives_the_joints_angle_and_torque(tmp_path, habit):
 
 @pytest.mark.parametrize("habit", TOLD)
 def test_a_log_of_this_habit_is_told_by_its_cause(tmp_path, habit):
-    lines, said = TOLD[habit]
+    lines, message = TOLD[habit]
     path = tmp_path / "log.csv"
     path.write_text("\n".join(lines) + "\n")
 
-    assert re.search(said, refusal_by(read_converted, path, log_source()))
+    assert re.search(message, refusal_by(read_converted, path, log_source()))
 
 
 def test_a_header_that_states_another_unit_of_time_is_told_by_the_step(tmp_path):

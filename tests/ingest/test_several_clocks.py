@@ -125,9 +125,9 @@ def test_stated_clocks_are_joined_and_what_nothing_shows_is_told(tmp_path, clock
 
     time, _ = trial.arrays("torque")
     np.testing.assert_allclose(time, SLOW[: time.size] + late_s, atol=1e-5)
-    told = " ".join(trial.provenance["warnings"])
-    assert "0.001 K" in told
-    assert "log_2 ends" in told
+    message = " ".join(trial.provenance["warnings"])
+    assert "0.001 K" in message
+    assert "log_2 ends" in message
     assert "x_torque.csv" in stream_of(trial, ["torque"]).name
 
 

@@ -406,14 +406,14 @@ def test_a_clock_that_is_slow_by_100_ppm_is_said_to_be():
 
 
 @pytest.mark.parametrize(
-    ("streams", "told"),
+    ("streams", "message"),
     [
         ([Stream("early", TICKS, {"a": TICKS}), of(TICKS + 70)], r"cell .*70\.0000 s .*59\.9900 s"),
         (two_nodes(np.random.default_rng(1), (0.0, 7e-3)), r"cell: .*\d+\.\d+ ms .*samples"),
     ],
 )
-def test_streams_apart_and_a_host_that_hides_its_rhythm_are_refused(streams, told):
-    with refused_with(told):
+def test_streams_apart_and_a_host_that_hides_its_rhythm_are_refused(streams, message):
+    with refused_with(message):
         one_time_base(streams)
 
 

@@ -235,11 +235,11 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 
     from osl_analysis.commands.run import first_look, snakemake_arguments
 
-    given = snakemake_arguments(arguments)
-    if CAMPAIGN.is_file() and {"-n", "--dry-run"} & {*given}:
+    snakemake_options = snakemake_arguments(arguments)
+    if CAMPAIGN.is_file() and {"-n", "--dry-run"} & {*snakemake_options}:
         for problem in first_look():
             say(f"to be mended: {problem}", err=True)
-    snakemake(given)
+    snakemake(snakemake_options)
 
 
 @main.command(
@@ -285,8 +285,8 @@ def results(
     elif everything or markdown:
         say(format_results_table(summary, markdown))
     else:
-        rest = "every number, and findings in full: osl-analysis results --all"
-        say("\n".join([sentence(summary), "", *brief_lines(summary), "", rest]))
+        how_to_see_all = "every number, and findings in full: osl-analysis results --all"
+        say("\n".join([sentence(summary), "", *brief_lines(summary), "", how_to_see_all]))
     failures = later_failures(folder / "summary.json")
     if failures:
         say(failures, err=True)
@@ -453,18 +453,18 @@ def fit(
     help="Folder of source files, which say what is what.",
 )
 @file_option("--output", required=True, help="Parquet file to write, in SI units.")
-def ingest(sources: Path, output: Path, **given: Any) -> None:
+def ingest(sources: Path, output: Path, **options: Any) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
     from osl_analysis.base.trial import write_trial
     from osl_analysis.commands.trials import checked_trial
 
     for role in ("log", "log_2", "mocap"):
-        if (given[role] is None) != (given[f"{role}_source"] is None):
+        if (options[role] is None) != (options[f"{role}_source"] is None):
             option_name = role.replace("_", "-")
             raise click.UsageError(f"--{option_name} and --{option_name}-source go together")
-    if not (given["log"] or given["mocap"]):
+    if not (options["log"] or options["mocap"]):
         raise click.UsageError("give --log, --mocap or both")
-    cells = {name: None if value is None else str(value) for name, value in given.items()}
+    cells = {name: None if value is None else str(value) for name, value in options.items()}
     row = {"trial": output.stem, "experiment": "ingest_only", **cells}
     write_trial(checked_trial(row, Path(), sources), output)
     say(f"wrote {output}")

@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow.
-They call what the jobs of a campaign call: their numbers are those of its tables."""
+"""The functions of `import osl_analysis as osl`, for notebooks and scripts without a workflow.
+
+They call the functions that the jobs of a campaign call, so that their numbers are those of its
+tables.
+
+Example: `osl.fit("trial.parquet", "belt").K_s`.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -66,11 +71,11 @@ def fit(
     Parameters
     ----------
     trial : Trial or Path or str
-        In SI units, or its Parquet file; or a CSV file with columns that are named by signal and
-        unit, as `time_s,theta_deg,torque_Nm`, in any known units. `impedance`, `transmission` and
-        `torque_angle` need `theta` [rad] and the resisting `torque` [N*m]; `belt` needs `theta_m`
-        [rad] too; `actuator` needs `current` [A], `torque_m` [N*m], and `theta_m` [rad] or
-        `omega_m` [rad/s].
+        A trial in SI units, or its Parquet file; or a CSV file whose columns are named by signal
+        and unit, as `time_s,theta_deg,torque_Nm`, in any known units. `impedance`, `transmission`
+        and `torque_angle` need `theta` [rad] and the resisting `torque` [N*m]; `belt` needs
+        `theta_m` [rad] too; `actuator` needs `current` [A], `torque_m` [N*m], and `theta_m` [rad]
+        or `omega_m` [rad/s].
     experiment : str
         As in the column `experiment` of a sample sheet:
 
@@ -80,14 +85,14 @@ def fit(
         * `actuator`: the actuator alone (Eqs. 1-2), at its output,
         * `torque_angle`: torque over angle of a passive foot or a spring in slow cycles.
     desired : DesiredImpedance or None
-        What the leg of an impedance trial was asked to render. With it the fit is judged by what
-        the gains should give. None: `remarks` says what is not judged.
+        The impedance that the leg was asked to render. With it the fit is compared with what the
+        gains should give. None: `remarks` says what is not judged.
     windows : str or None
-        What of the trial is fitted [s], as in the column `windows` of a sample sheet,
-        "2-30 40-62". None: all that moves.
+        The fitted parts of the trial [s], as in the column `windows` of a sample sheet,
+        "2-30 40-62". None: all parts that move.
     config : Path or str or None
-        A configuration file, which states what differs from the default. None: `config.yaml` in
-        the working folder, else the shipped one.
+        A configuration file with the settings that differ from the default. None: `config.yaml`
+        in the working folder, else the shipped one.
     parameters : Path or str or None
         The parameter file of the device; default: that of the configuration. None: a device without
         one. A belt needs one, for n_T.
@@ -95,8 +100,8 @@ def fit(
         Name of the curve of the configuration that the device of a torque_angle trial was designed
         for.
     sign : int or None
-        Of the torque in a CSV file, which states it: 1 if it is the joint's resisting torque,
-        positive when it opposes positive motion, -1 if it is the opposite one.
+        Sign of the torque in a CSV file: 1 if it is the joint's resisting torque, positive when it
+        opposes positive motion, -1 if it is the opposite.
 
     Returns
     -------
@@ -110,7 +115,7 @@ def fit(
         experiment; a file is not valid; or a CSV file is given without `sign`: the error says which
         one its motion suggests.
     IdentifiabilityError
-        The motion cannot tell what is sought, or the belt is not loaded enough.
+        The motion does not determine the estimates, or the belt is not loaded enough.
     UnreachableImpedanceError
         No gains render `desired`.
 
@@ -136,10 +141,10 @@ def fit(
         )
     elif experiment == "torque_angle":
         condition = {"desired": curve}
-    stated = config_for_trials(config, parameters)
+    settings = config_for_trials(config, parameters)
 
     def fit_of(recorded: Trial) -> Fit:
-        return fit_trial(experiment, recorded, stated.parameters, stated, condition, windows)
+        return fit_trial(experiment, recorded, settings.parameters, settings, condition, windows)
 
     if is_table_of_rows(trial):
         return fit_of(trial_with_sign(Path(trial), sign, fit_of))
@@ -245,13 +250,13 @@ def frequency_response(
     from osl_analysis.commands.figure import fig7_points
 
     recorded = as_trial(trial)
-    stated = config_for_trials(config, parameters)
-    device = stated.parameters
-    fitted = run_fit("impedance", recorded, device, stated, desired or UNSTATED, windows)
+    settings = config_for_trials(config, parameters)
+    device = settings.parameters
+    fitted = run_fit("impedance", recorded, device, settings, desired or UNSTATED, windows)
     tables = fitted.everything()
     fits, response = tables["impedance"], tables["response"]
 
-    limits = stated.doubtful.of("impedance")
+    limits = settings.doubtful.of("impedance")
     findings = list(chain(*judged(fits, limits, "impedance", budget=tables["budget"])))
     about_rows = findings_of_rows(response, findings, "response")
     table = with_texts(response, about_rows, "response")
@@ -261,7 +266,7 @@ def frequency_response(
         side=pl.lit(None, pl.String),
     )
     # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
-    return FrequencyResponse(recorded.name, table, fig7_points(rows, device, stated.gain_weight))
+    return FrequencyResponse(recorded.name, table, fig7_points(rows, device, settings.gain_weight))
 
 
 def read_recording(

@@ -33,7 +33,7 @@ rule fit:
     priority: 2
     params:
         settings=lambda wildcards: SETTINGS_OF_FIT[wildcards.experiment],
-        stated=stated_for_fit,
+        sheet_cells=stated_for_fit,
         windows=windows_of_fit,
         weight=lambda wildcards: (
             as_json(CONFIG.gain_weight) if wildcards.experiment == "impedance" else None
@@ -119,7 +119,7 @@ rule fit:
                 inputs=dict(trial=input.trial),
                 arguments=dict(
                     settings=ImpedanceAnalysis(**params.settings),
-                    stated=params.stated,
+                    sheet_cells=params.sheet_cells,
                     outputs=outputs,
                 ),
                 trial=trial,

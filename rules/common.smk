@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The campaign, and what the rules of several files look up in it.
+"""The campaign, and look-ups in it for the rules of several files.
 
 A rule calls one function, `job(FUNCTION, output, log, inputs={...}, arguments={...})`, with every
 argument by its name: `inputs` are results of earlier jobs, out of which refused trials are taken,
@@ -217,7 +217,7 @@ def source_values(trial):
 
 
 def experiment(wildcards):
-    """What is known of the kind of a trial."""
+    """The facts of a trial's experiment."""
     return EXPERIMENTS[CAMPAIGN.rows[wildcards.trial]["experiment"]]
 
 
@@ -232,7 +232,7 @@ def recordings_of(row, raw_folder):
 
 
 def cell(column):
-    """A param: what the sample sheet states for the trial in this column."""
+    """A param: the cell of the sample sheet for the trial in this column."""
     return lambda wildcards: CAMPAIGN.rows[wildcards.trial][column]
 
 
@@ -244,7 +244,7 @@ SETTINGS_OF_FIT = {
     "torque_angle": CONFIG.torque_angle.part(TorqueAngleAnalysis),
     "calibration": CONFIG.dynamometer.part(ImpedanceAnalysis),
 }
-"""By experiment, of settings those alone that its fit uses: a change of others does not fit anew."""
+"""By experiment, the settings that its fit uses: a change of others does not fit anew."""
 FITTED_WITH_DEVICE = ("belt", "transmission", "actuator", "impedance")
 """Experiments whose fit takes the parameter file of the device."""
 TRIAL_OF_FIT = {name: of_trials(CAMPAIGN.trials(name)) for name in SETTINGS_OF_FIT}

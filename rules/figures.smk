@@ -28,14 +28,14 @@ NUMBERS_OF_FIGURES = {name: f"{CONFIG.results}/figures/{name}.csv" for name in F
 
 
 rule plot_numbers:
-    """What a figure plots that shows one table, or up to three."""
+    """The plotted numbers of a figure that shows one to three tables."""
     input:
         table=lambda wildcards: f"<results>/tables/{FIGURES[wildcards.figure].table}.csv",
         further_tables=lambda wildcards: expand(
-            "<results>/tables/{table}.csv", table=FIGURES[wildcards.figure].beside
+            "<results>/tables/{table}.csv", table=FIGURES[wildcards.figure].further_tables
         ),
         findings=lambda wildcards: FILES.findings(
-            FIGURES[wildcards.figure].table, *FIGURES[wildcards.figure].beside
+            FIGURES[wildcards.figure].table, *FIGURES[wildcards.figure].further_tables
         ),
     output:
         output="<results>/figures/{figure}.csv",
@@ -315,7 +315,7 @@ rule report_page:
 
 
 rule methods:
-    """What the campaign did, as the text of a methods section."""
+    """The text of a methods section."""
     input:
         tables=FILES.all_tables,
         summary="<results>/summary.json",
@@ -354,7 +354,7 @@ rule methods:
 
 
 rule brief:
-    """What a user must know at the end of a run."""
+    """The lines at the end of a run."""
     input:
         summary="<results>/summary.json",
         excluded="<results>/tables/excluded.csv",
@@ -385,7 +385,7 @@ rule brief:
 
 
 rule verdict:
-    """The run fails where trials could not be analysed, which the configuration does not accept."""
+    """Fail the run where trials could not be analysed, unless the configuration accepts it."""
     input:
         summary="<results>/summary.json",
         brief=shown_at_the_end(f"{CONFIG.results}/brief.txt"),

@@ -20,7 +20,7 @@ from osl_analysis.model.compensator import Weight
 
 
 rule findings:
-    """What is found on the fits, or groups, of one table, by their budgets, limits and checks."""
+    """The findings on the fits, or groups, of one table, by their budgets, limits and checks."""
     input:
         lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
         rows=lambda wildcards: FILES.rows(wildcards.table),
@@ -57,7 +57,7 @@ rule findings:
 
 
 rule campaign_findings:
-    """The findings on all trials: as values, by which all that follows decides, and for people."""
+    """The findings on all trials: as values, which decide, and as a view for people."""
     input:
         table_findings=FILES.findings(*FILES.judged_tables),
         verdicts=QUALITY,
@@ -196,7 +196,7 @@ rule check_claims:
 
 
 rule settings_table:
-    """The settings that judge or label results: which are stated, and which assumed."""
+    """The settings that judge or label results, and whether they are stated or assumed."""
     output:
         output="<results>/tables/settings.csv",
     log:
@@ -216,7 +216,7 @@ rule settings_table:
 
 
 rule excluded_trials:
-    """Every trial that is not used, and why."""
+    """The trials that are not used, with their reasons."""
     input:
         fitted=FILES.files_of_single_trials,
         tables=FILES.all_tables,

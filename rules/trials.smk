@@ -8,7 +8,7 @@ from osl_analysis.judge.recording_checks import QualityRules
 
 
 rule ingest:
-    """The trial of a recording, in SI units on one clock, and what is measured for each check."""
+    """The trial of a recording, in SI units on one clock, and the measured value of each check."""
     input:
         of_trials(TRIALS, CAMPAIGN.followed_logs),
     output:

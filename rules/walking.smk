@@ -179,7 +179,7 @@ rule analyse_crossing:
 
 
 rule select_crossings:
-    """Which crossings are used, and why the others are not."""
+    """Whether each crossing is used, with the reason if it is not."""
     input:
         FILES.checks(WALKED),
         crossings=FILES.crossings(WALKED),

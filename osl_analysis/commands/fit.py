@@ -299,28 +299,30 @@ def fit_torque_angle_trial(
 def fit_trial_of_calibration(
     trial: Path,
     settings: choices.ImpedanceAnalysis,
-    stated: Mapping[str, Any],
+    sheet_cells: Mapping[str, Any],
     outputs: FitOutputs,
 ) -> None:
     """Read a trial, fit a known spring or inertia, and write its tables."""
-    outputs.write("calibration", fit_calibration_trial(read_trial(trial), settings, stated))
+    outputs.write("calibration", fit_calibration_trial(read_trial(trial), settings, sheet_cells))
 
 
 @tries_changes
 def fit_calibration_trial(
-    trial: Trial, settings: choices.ImpedanceAnalysis, stated: Mapping[str, Any]
+    trial: Trial, settings: choices.ImpedanceAnalysis, sheet_cells: Mapping[str, Any]
 ) -> FitTables:
     """The rows of a bench with a known spring or inertia, or with its fixture alone.
 
-    `stated` has the cells `known_...` and `fixture` of the sheet.
+    `sheet_cells` has the cells `known_...` and `fixture` of the sheet.
     """
-    uncertainty = (stated.get("known_percent") or 0.0) / 100
+    uncertainty = (sheet_cells.get("known_percent") or 0.0) / 100
     known = None
     stated_fixture = settings.fixture
-    if stated.get("fixture"):  # the fixture itself is measured, so that it is not taken off
+    if sheet_cells.get("fixture"):  # the fixture itself is measured, so that it is not taken off
         settings = settings.model_copy(update={"fixture": None})
     else:
-        known = calibration.Known(stated.get("known_K"), stated.get("known_I"), uncertainty)
+        known = calibration.Known(
+            sheet_cells.get("known_K"), sheet_cells.get("known_I"), uncertainty
+        )
     joint_trial = check_and_remove_fixture(trial, settings)
     record = record_of_trial(joint_trial, settings)
     frame = calibration.measured_frame(joint_trial, record)
@@ -384,8 +386,8 @@ def run_fit(
             f"a trial of '{experiment}' is not fitted alone", "choose another experiment for it"
         )
     if facts.sheet:
-        stated = DesiredImpedance if experiment == "impedance" else Mapping
-        if not isinstance(condition, stated | None):
+        allowed_type = DesiredImpedance if experiment == "impedance" else Mapping
+        if not isinstance(condition, allowed_type | None):
             raise InputError(
                 f"desired: {condition!r} is no desired impedance",
                 "give osl.DesiredImpedance(controller, K_d, B_d)",

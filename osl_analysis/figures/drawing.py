@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The list of figures: the numbers of each, its caption, and its drawing."""
+"""The list of figures: the plotted numbers of each, its caption, and its drawing.
+
+Example: `drawn("fig5", plotted_numbers("fig5", impedance))`.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,14 +25,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignFigure:
-    """A figure of a campaign, drawn if the campaign has what it needs; the fields are explained in
-    `figures.yaml`."""
+    """A figure of a campaign. `figures.yaml` explains its fields."""
 
     table: str
     caption: Sequence[str]
     rows: str
     columns: Mapping[str, str]
-    beside: Sequence[str] = ()
+    further_tables: Sequence[str] = ()
     option: str | None = None
     nothing: str = "no trial of the campaign has the numbers that this figure shows"
 
@@ -63,7 +65,7 @@ def plotted_columns(name: str) -> dict[str, type[pl.DataType]]:
         raise InputError(f"no figure '{name}'", f"there are {', '.join(FIGURES)}")
     (table,) = [table for table in described_in(DESCRIBED) if table.place == f"figures/{name}"]
     units = {column.name: column.unit for column in table.columns.values()}
-    del units["data"]  # which the writer adds
+    del units["data"]  # the writer adds this column
     return {name: TYPES.get(unit, pl.Float64) for name, unit in units.items()}
 
 
@@ -73,17 +75,17 @@ def module_of(name: str) -> ModuleType:
     return import_module(f"osl_analysis.figures.{name}")
 
 
-def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFrame:
-    """Select what a figure plots.
+def plotted_numbers(name: str, table: pl.DataFrame, *further_inputs: Any) -> pl.DataFrame:
+    """Compute the plotted numbers of a figure.
 
     Parameters
     ----------
     name : str
-        Of the figure.
+        Name of the figure.
     table : DataFrame
         Its result table.
-    *others
-        What else the figure's function `points` takes: tables, and the value of a setting.
+    *further_inputs
+        Further arguments of the figure's function `points`: tables, and the value of a setting.
 
     Returns
     -------
@@ -92,7 +94,9 @@ def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFram
     """
     columns = plotted_columns(name)
     module = module_of(name)
-    points: pl.DataFrame = module.points(table, *others) if hasattr(module, "points") else table
+    points: pl.DataFrame = (
+        module.points(table, *further_inputs) if hasattr(module, "points") else table
+    )
     if "look" in columns and "look" not in points.columns:
         points = points.with_columns(look_numbers(points["controller"]))
     return completed(name, with_doubt_marks(points, columns))
@@ -102,8 +106,10 @@ IS_DOUBTFUL = "is_doubtful"  # column of plotted numbers: whether the fit of a r
 
 
 def with_doubt_marks(points: pl.DataFrame, columns: Collection[str]) -> pl.DataFrame:
-    """Points with those columns of a figure that say whether a fit is doubtful, `is_doubtful`, or
-    an estimate of it, as `K_is_doubtful`, by the doubts that are joined to each row."""
+    """Points with the columns of a figure that mark doubts, by the doubts joined to each row.
+
+    `is_doubtful` marks a fit, `K_is_doubtful` and the like one of its estimates.
+    """
     for column in columns:
         if column.endswith(IS_DOUBTFUL) and column not in points.columns:
             estimate = column.removesuffix(IS_DOUBTFUL).removesuffix("_")
@@ -113,7 +119,7 @@ def with_doubt_marks(points: pl.DataFrame, columns: Collection[str]) -> pl.DataF
 
 
 def completed(name: str, points: pl.DataFrame) -> pl.DataFrame:
-    """The columns of a figure's plotted numbers; one that the points have not is null."""
+    """Points with all columns of a figure's plotted numbers; missing ones are null."""
     columns = plotted_columns(name)
     absent = [column for column in columns if column not in points.columns]
     points = points.with_columns(pl.lit(None, columns[column]).alias(column) for column in absent)
@@ -121,12 +127,14 @@ def completed(name: str, points: pl.DataFrame) -> pl.DataFrame:
 
 
 def caption_of(name: str, numbers: pl.DataFrame) -> list[str]:
-    """The sentences of a figure's caption that speak of what is drawn of these plotted numbers, and
-    those of its function `statistics`, which has numbers in them."""
+    """The sentences of a figure's caption whose conditions these plotted numbers meet.
+
+    Sentences with numbers, by the figure's function `statistics`, follow.
+    """
     sentences = []
     for text in FIGURES[name].caption:
-        *condition, sentence = text.split(" => ")
-        if all(numbers.select(pl.sql_expr(each).any()).item() for each in condition):
+        *conditions, sentence = text.split(" => ")
+        if all(numbers.select(pl.sql_expr(text).any()).item() for text in conditions):
             sentences.append(sentence)
     module = module_of(name)
     if hasattr(module, "statistics"):
@@ -135,10 +143,12 @@ def caption_of(name: str, numbers: pl.DataFrame) -> list[str]:
 
 
 def look_numbers(controllers: pl.Series) -> pl.Series:
-    """The number of each controller (n,), first those of the draft; a campaign's colours mean one
-    thing."""
-    others = sorted({*controllers.drop_nulls()} - {*CONTROLLERS})
-    numbers = {name: number for number, name in enumerate([*CONTROLLERS, *others])}
+    """The number of each controller (n,), by which its colour is the same in all figures.
+
+    Controllers of the draft come first.
+    """
+    new_names = sorted({*controllers.drop_nulls()} - {*CONTROLLERS})
+    numbers = {name: number for number, name in enumerate([*CONTROLLERS, *new_names])}
     return controllers.replace_strict(numbers, default=None, return_dtype=pl.Int64).alias("look")
 
 

@@ -36,41 +36,43 @@ DEVIATION = pl.col("torque") - pl.col("mean_slope")  # [N*m]
 
 
 def points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
-    """The numbers of Fig. 3 for each joint and side.
+    """The plotted numbers of Fig. 3 for each joint and side.
 
     Parameters
     ----------
     curves
         `belt_curve` of each trial.
     table
-        `belt.csv` with its doubts, of which place and doubts are taken.
+        `belt.csv` with its doubts; place and doubts are used.
     summary
-        Its summary.
+        `belt_summary.csv`.
 
     Returns
     -------
     DataFrame
-        The curves with the torque of the mean slope [N*m], which is K_s, or where all trials are
-        doubtful the mean slope of all; with the shift of each trial's loop in (b) [N*m]; and why a
-        fit is doubtful.
+        The curves with the torque of the mean slope [N*m], the shift of each trial's loop in (b)
+        [N*m], and the doubts about its fit. The mean slope is K_s, or that of all trials where all
+        are doubtful.
     """
-    of_trials = table.select(
+    trial_facts = table.select(
         "trial", *PLACE, "doubtful", slope="K_s", is_doubtful=is_doubtful(table)
     )
-    of_belts = summary.filter(quantity="K_s").select(
+    mean_slopes = summary.filter(quantity="K_s").select(
         *PLACE, K_s="mean", K_s_low="low", K_s_high="high"
     )
-    joined = curves.join(of_trials, "trial", how="left", maintain_order="left")
-    joined = joined.join(of_belts, PLACE, how="left", nulls_equal=True, maintain_order="left")
+    joined = curves.join(trial_facts, "trial", how="left", maintain_order="left")
+    joined = joined.join(mean_slopes, PLACE, how="left", nulls_equal=True, maintain_order="left")
     slope = pl.coalesce("K_s", pl.col("slope").mean().over(PLACE))
     joined = joined.with_columns(mean_slope=slope * pl.col("theta_s_deg").radians())
     return joined.with_columns(loop_shift=loop_shift().over(PLACE))
 
 
 def loop_shift() -> pl.Expr:
-    """By how much the loop of each trial of a belt is shifted, so that loops can be told apart
-    [N*m]: one step for each trial with a smaller slope. A step is the median height of a loop, up
-    to the next 0.1 N*m."""
+    """The shift of each trial's loop [N*m], which keeps loops from covering one another.
+
+    It is one step for each trial with a smaller slope. A step is the median height of a loop,
+    rounded up to 0.1 N*m.
+    """
     deviation = DEVIATION
     height = (deviation.max() - deviation.min()).over("trial")
     step = (height.median() * 10).ceil() / 10

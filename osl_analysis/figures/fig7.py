@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fig. 7: admittance of the joint over frequency, measured, desired, and of the linear model, and
-how far the measured impedance is from the desired one."""
+"""Fig. 7: admittance of the joint over frequency, and distance from the desired impedance.
+
+The admittance is measured, desired (Eq. 11) and that of the linear model (Eq. 9).
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -31,16 +33,16 @@ LABELS = {
 def points(
     responses: pl.DataFrame, p: DrivetrainParameters | None, joint: str | None, weight: Weight
 ) -> pl.DataFrame:
-    """The numbers of Fig. 7.
+    """The plotted numbers of Fig. 7.
 
     Parameters
     ----------
     responses
         Rows of `response.csv` of one desired impedance, with `look`.
     p
-        The parameters of a device, as far as they are known, and its `joint`.
+        The parameters of a device, as far as they are known.
     joint
-        Other joints have no linear model.
+        The joint of the device; other joints have no linear model.
     weight
         W of Eq. 14.
 
@@ -55,8 +57,8 @@ def points(
     for measured in shown.partition_by(PLACE):
         place, K_d, B_d = measured.select("joint", "K_d", "B_d").row(0)
         if K_d is not None and B_d is not None:
-            of_all = measured.with_columns(controller=None, look=None)
-            curves.append(modelled(of_all, DESIRED, partial(np.polyval, [B_d, K_d])))
+            all_controllers = measured.with_columns(controller=None, look=None)
+            curves.append(modelled(all_controllers, DESIRED, partial(np.polyval, [B_d, K_d])))
         if p is None or joint != place:
             continue
         for rows in measured.partition_by("controller"):
@@ -86,13 +88,16 @@ def modelled(measured: pl.DataFrame, curve: str, stiffness: Callable[[Any], Any]
 
 
 def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
-    """The rows of `response.csv` over all amplitudes, with the doubts about single ones, with the
-    range of their magnitudes, phases, which are counted from that of all, and distances from the
-    desired impedance, and with the interval of this distance."""
+    """The rows of `response.csv` over all amplitudes, with the ranges over single amplitudes.
+
+    Ranges are those of magnitude, phase and distance from the desired impedance. A phase is within
+    180 deg of that of all amplitudes. Doubts about single amplitudes count. The distance has an
+    interval.
+    """
     keys = ["trial", "frequency_hz"]
-    of_whole = pl.col("phase_deg").filter(scope="all").first().over(keys)
-    apart = (pl.col("phase_deg") - of_whole + 180) % 360 - 180
-    response = response.with_columns(phase_deg=of_whole + apart)
+    overall_phase_deg = pl.col("phase_deg").filter(scope="all").first().over(keys)
+    from_overall_deg = (pl.col("phase_deg") - overall_phase_deg + 180) % 360 - 180
+    response = response.with_columns(phase_deg=overall_phase_deg + from_overall_deg)
     response = response.with_columns(is_doubtful=is_doubtful(response))
     whole = response.filter(scope="all")
     single = response.filter(scope="amplitude")
@@ -131,10 +136,10 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     rows = len(quantities)
     figure, axes = style.panels(width, 2 * rows, rows, len(parts), titles, sharex="col")
     for column, (_, part) in enumerate(parts):
-        of_part = axes[column :: len(parts)]
-        for ax, quantity in zip(of_part, quantities, strict=True):
+        axes_of_part = axes[column :: len(parts)]
+        for ax, quantity in zip(axes_of_part, quantities, strict=True):
             draw_part(ax, part, quantity)
-        lowest = of_part[-1]
+        lowest = axes_of_part[-1]
         lowest.set_xscale("log")
         measured_hz = part.filter(curve=OBSERVED)["frequency_hz"].to_list()
         if measured_hz:

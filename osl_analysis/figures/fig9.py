@@ -12,7 +12,9 @@ from osl_analysis.stats.budget import QUANTITIES
 from osl_analysis.stats.doubts import is_doubtful
 from osl_analysis.walking.impedance_fit import ENSEMBLE
 
-MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`
+# values of `estimator`
+MEAN = "mean of perturbations"
+PERTURBATION = "perturbation"
 # Fits to the mean response: estimator, face of a marker, and category
 SHOWN_FITS = (
     (ENSEMBLE, style.PURPLE, "Mean response, 95 %"),
@@ -37,7 +39,7 @@ def points(
     walking_responses: pl.DataFrame,
     commanded_K: float | None = None,
 ) -> pl.DataFrame:
-    """Gather what Fig. 9 shows of each group of crossings.
+    """The plotted numbers of Fig. 9.
 
     Parameters
     ----------
@@ -48,7 +50,7 @@ def points(
     walking_groups : DataFrame
         Each group's unperturbed crossings and its onset.
     walking_responses : DataFrame
-        Whose modelled torque shows the fitted window.
+        Responses; the modelled torque shows the fitted window.
     commanded_K : float or None
         Commanded stiffness of the configuration [N·m/rad]; used in a campaign of one group.
 
@@ -60,16 +62,16 @@ def points(
     group = pl.col("group").cast(pl.String)  # without entries it is a column of numbers
     fitted = walking_responses.filter(trial=ENSEMBLE).drop_nulls("torque_model")
     span = (pl.col("time").max() - pl.col("time").min()) * pl.len() / (pl.len() - 1)
-    of_crossings = walking_groups.select(group, "n_unperturbed", "onset_phase")
-    of_windows = fitted.group_by(group).agg(window_s=span)
+    crossing_facts = walking_groups.select(group, "n_unperturbed", "onset_phase")
+    fitted_windows = fitted.group_by(group).agg(window_s=span)
     estimates = (
         walking_summary.with_columns(group).drop_nulls("mean").drop("doubtful", strict=False)
     )
-    for of_groups in (of_crossings, of_windows):
-        estimates = estimates.join(of_groups, on="group", how="left", maintain_order="left")
+    for group_facts in (crossing_facts, fitted_windows):
+        estimates = estimates.join(group_facts, on="group", how="left", maintain_order="left")
     if estimates["group"].n_unique() == 1:
-        of_configuration = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))
-        estimates = estimates.with_columns(commanded=pl.coalesce("commanded", of_configuration))
+        configured_K = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))
+        estimates = estimates.with_columns(commanded=pl.coalesce("commanded", configured_K))
 
     is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
     marked = walking.with_columns(
@@ -94,9 +96,9 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     width = style.SINGLE_COLUMN if has_one_group else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 4, 1, len(QUANTITIES))
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
-        of_quantity = table.filter(quantity=quantity)
-        span = float(np.ptp(of_quantity.filter(estimator=PERTURBATION)["mean"].to_numpy()))
-        for number, rows in enumerate(of_quantity.partition_by("group")):
+        quantity_rows = table.filter(quantity=quantity)
+        span = float(np.ptp(quantity_rows.filter(estimator=PERTURBATION)["mean"].to_numpy()))
+        for number, rows in enumerate(quantity_rows.partition_by("group")):
             draw_group(ax, rows, NEXT_GROUP * number, span)
         last_place = NEXT_GROUP * (len(names) - 1) + max(PLACES.values())
         ax.set_xlim(-MARGIN, last_place + MARGIN)
@@ -126,8 +128,8 @@ def label_groups(ax: Axes, names: Sequence[str]) -> None:
 
 
 def statistics(table: pl.DataFrame) -> list[str]:
-    """A sentence of the caption for each group: of what the fit to its mean response is made, and
-    its VAF."""
+    """A sentence of the caption for each group, on the crossings, the window and the VAF of the fit
+    to its mean response."""
     groups = table.filter(estimator=ENSEMBLE, quantity="VAF").to_dicts()
     sentences = []
     for group in groups:

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The style of all figures: width of a page, colours, looks of controllers, panels and settings;
-words, as labels of quantities, titles by condition, and names of a campaign as matplotlib draws
-them; and what several figures draw: markers that lead to trials, bars, swarms, legends, and
-logarithmic axes. All other sizes and widths stand in `style.mplstyle`."""
+"""The style of all figures, and the parts that several figures draw.
+
+It has the width of a page, colours, looks of controllers, panels, labels of quantities, titles by
+condition, and names of a campaign as matplotlib draws them. Shared parts are markers that lead to
+trials, bars, swarms, legends and logarithmic axes. `style.mplstyle` has all other sizes and widths.
+
+Example: `panels(SINGLE_COLUMN, 3, 2)` is a figure with two panels, one above the other.
+"""
 
 import textwrap
 import warnings
@@ -258,8 +262,8 @@ def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> 
         ends = [f"{y}{ending}_low", f"{y}{ending}_high"]
         known = rows.drop_nulls(ends)
         ax.vlines(known[x], *known.select(ends), color=look.colour, linewidth=width, label=label)
-    of_estimate = f"{y}_{IS_DOUBTFUL}"
-    doubt = of_estimate if of_estimate in rows.columns else IS_DOUBTFUL
+    estimate_mark = f"{y}_{IS_DOUBTFUL}"
+    doubt = estimate_mark if estimate_mark in rows.columns else IS_DOUBTFUL
     draw_fits(ax, rows, rows[x], rows[y], look, doubt=doubt)
 
 

@@ -31,8 +31,8 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     shades = mpl.colormaps["viridis"](np.linspace(0, 0.5, len(trials)))
     colours = dict(zip(trials, shades, strict=True))
     for (_, part), torque, stiffness in zip(parts, axes[::2], axes[1::2], strict=True):
-        of_branches = part.partition_by("trial", "branch", as_dict=True)
-        for (trial, branch), curve in of_branches.items():
+        curves_by_branch = part.partition_by("trial", "branch", as_dict=True)
+        for (trial, branch), curve in curves_by_branch.items():
             look: dict[str, Any] = {
                 "color": colours[trial],
                 "linewidth": WIDTHS[branch],

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An axis on which every trial has a place of its own, beside others of the same desired value.
+"""An axis on which every trial has a place of its own.
 
-Desired values are few, and many trials have the same one: on a scale their markers would cover one
-another. Here each value has a stretch of the axis, and each trial a place in it: first by
-controller, then by the other desired value.
+Desired values are few, and many trials share one: on a scale their markers would cover one another.
+Here each value has a stretch of the axis, and each trial a place in it, sorted by controller and by
+the other desired value.
 """
 
 from dataclasses import dataclass
@@ -56,7 +56,9 @@ def panels_of_trials(table: pl.DataFrame, height: float) -> TrialLayout:
     """
     parts = style.by_place(table)
     placed = {symbol: [placed_on_axis(part, symbol) for _, part in parts] for symbol in SYMBOLS}
-    longest = max(trials["x"][-1] for of_symbol in placed.values() for trials in of_symbol)
+    longest = max(
+        trials["x"][-1] for parts_of_symbol in placed.values() for trials in parts_of_symbol
+    )
     is_single_column = len(parts) == 1 and longest <= SINGLE_COLUMN_LETTERS
     width = style.SINGLE_COLUMN if is_single_column else style.DOUBLE_COLUMN
     letters = SINGLE_COLUMN_LETTERS if is_single_column else 2 * SINGLE_COLUMN_LETTERS

@@ -51,10 +51,10 @@ def walking_page_points(
         for name, ends_s in spans.items():
             ends = {"panel": panel, "curve": name, "x": 1000 * np.array(ends_s)}
             frames.append(pl.DataFrame(ends))
-        of_panel = responses.with_columns(x=1000 * pl.col("time"), panel=pl.lit(panel))
+        panel_responses = responses.with_columns(x=1000 * pl.col("time"), panel=pl.lit(panel))
         shown = ["panel", "trial", "doubtful", "is_doubtful", "x"]
-        frames.append(of_panel.select(*shown, curve=curve, mean=column))
-    fit = of_panel.filter(trial=ENSEMBLE).drop_nulls("torque_model")
+        frames.append(panel_responses.select(*shown, curve=curve, mean=column))
+    fit = panel_responses.filter(trial=ENSEMBLE).drop_nulls("torque_model")
     frames.append(fit.select(*shown, curve=pl.lit("fit"), mean="torque_model"))
     points = pl.concat(frames, how="diagonal")
     return points.with_columns(pl.col("is_doubtful").fill_null(False))

@@ -113,7 +113,7 @@ class LogHandler(LogHandlerBase):
         self.done = Counter[str]()
         self.started_s: dict[str, float] = {}  # when the first job of a stage began
         self.jobs: dict[int, Any] = {}  # stage and logs, by their numbers
-        self.told = set[str]()  # lines, or their causes
+        self.printed = set[str]()  # lines, or their causes
         self.has_told_error = False  # of a job of ours
         self.last_line_s = time.monotonic()  # when something was printed last
 
@@ -150,7 +150,7 @@ class LogHandler(LogHandlerBase):
             self.print_outcome(*self.jobs.pop(fields["jobid"]))
         elif exception == "LockException":
             self.print_once(LOCKED)
-        elif exception and any(told in message for told in errors_in(running)):
+        elif exception and any(error in message for error in errors_in(running)):
             pass  # of a job of ours, whose JOB_ERROR follows
         elif self.has_told_error and message.startswith(FOLLOWING):
             pass  # it says no more
@@ -197,8 +197,8 @@ class LogHandler(LogHandlerBase):
 
     def print_once(self, line: str, cause: str = "") -> None:
         """Print a line, unless it is printed already, or one of its cause."""
-        told = cause or line
-        if told not in self.told:
-            self.told.add(told)
+        line_or_cause = cause or line
+        if line_or_cause not in self.printed:
+            self.printed.add(line_or_cause)
             sys.stderr.write(f"{line}\n")  # in one piece, beside what Snakemake's thread prints
             self.last_line_s = time.monotonic()

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Step 4, crossing: angle and torque of one crossing, and whether its set-up allows them.
 
-The torque's changes without each plate trial, and by errors of the plate's lag, height, place and
-mass, follow it through all later steps. The equation stands in `geometry`, what is checked in
-`set_up`.
+`geometry` has the equation of the torque, `set_up` the checks. The changes of the torque without
+each plate trial, and by errors of the plate's lag, height, place and mass, follow the torque
+through all later steps.
+
+Example: `analyse_crossing(trial, calibration, plate, True, settings, onset=None, lag=0.0).torque`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -58,7 +60,7 @@ UP = "up"  # direction of a perturbation in sheet and tables: toes up (dorsiflex
 DOWN = "down"
 
 PER_UNIT = ("plate_lag", "plate_height", "foot_place", "plate_mass")
-"""Errors by whose ms, mm, mm and kg the last rows of `Crossing.changes` are."""
+"""Errors whose effects per ms, mm, mm and kg are the last rows of `Crossing.changes`."""
 
 
 def recorded_passage(
@@ -74,11 +76,11 @@ def recorded_passage(
     Parameters
     ----------
     lag : float
-        Of the plate behind the markers [s].
+        Lag of the plate behind the markers [s].
     perturbed : bool
-        Whether the sheet says so.
+        Whether the sheet says that the crossing is perturbed.
     onset : float or None
-        Of the perturbation [s], by the mean ramp of all crossings; None: by its own ramp.
+        Onset of the perturbation [s] by the mean ramp of all crossings; None: by its own ramp.
 
     Raises
     ------
@@ -199,8 +201,8 @@ def reactions_on_foot(
 
 
 def readings_of(plate: PlateModel, lag: float) -> list[tuple[Array, float]]:
-    """Parameters and lag [s] of a plate as they are, without each plate trial, a ms later, and with
-    a kg more."""
+    """Parameters and lag [s] of a plate: as identified, without each plate trial, 1 ms later, and
+    with 1 kg more."""
     readings = [(model.parameters, lag) for model in (plate, *plate.leave_one_out)]
     heavier = plate.parameters.copy()
     heavier[0] += 1.0
@@ -231,7 +233,7 @@ class Crossing:
     def __post_init__(self) -> None:
         for signal in ("time", "theta", "torque", "load", "changes"):
             check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
-        sampling_rate(self.time)  # which refuses stamps that do not go forward
+        sampling_rate(self.time)  # it refuses stamps that do not go forward
 
     @property
     def direction(self) -> str | None:
@@ -258,11 +260,11 @@ def analyse_crossing(
     unloaded : PlateModel
         Inertia and lag of the plate, which are removed.
     perturbed : bool
-        What the sheet says.
+        Whether the sheet says that the crossing is perturbed.
     onset : float or None
-        Of the perturbation [s], by the mean ramp of all crossings; None: by its own ramp.
+        Onset of the perturbation [s] by the mean ramp of all crossings; None: by its own ramp.
     lag : float
-        Of the plate in this crossing [s].
+        Lag of the plate in this crossing [s].
 
     Raises
     ------
@@ -296,7 +298,7 @@ def analyse_crossing(
             motion, ankle.centre, ankle.axis, stated_foot.mass_kg, stated_foot.inertia_kg_m2
         )
 
-    # What shows that the set-up is right
+    # Checks of the set-up
     undisturbed_torque = torque if passage.onset is None else np.zeros_like(torque)
     check_roll(phase, load, push, undisturbed_torque)
     inside = passage.stance.contains(passage.frames)
@@ -322,9 +324,11 @@ def analyse_crossing(
 
 
 def changes_of(torques: Array, reaction: Array, turned: Array, ankle: Ankle) -> Array:
-    """Changes (m + 4, n) [N*m] of the torque, as in `Crossing`, by the torques of all `readings_of`
-    the plate, and by the rotation of the platform (n, 3, 3), with which an error of the plate's
-    place turns."""
+    """Changes (m + 4, n) [N*m] of the torque, as in `Crossing`.
+
+    They come from the torques by all `readings_of` the plate, and from errors of the plate's place,
+    which turn with the platform's rotation `turned` (n, 3, 3).
+    """
     *without_trials, later, heavier = torques - torques[0]
     force = np.hstack([reaction[:, :3], np.zeros_like(ankle.centre)])
     higher, further = (

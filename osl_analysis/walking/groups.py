@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""To which result each crossing belongs, by the conditions of the sheet, and which are used.
+"""Step 8, groups: sort crossings by the conditions of the sheet, and leave out those that stand
+out.
 
 Each group of perturbed crossings has a result and a mean unperturbed gait of its own. A crossing is
-compared with the others under the same conditions.
+compared with the others under the same conditions: a feature is far off where it differs from their
+median by more than a limit of scatters, which are 1.4826 times the median absolute deviation.
+
+Example: `label({"K_d": 200.0, "direction": "up"})` is `K_d 200, direction up`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +32,7 @@ ALL = "all"  # name of the group of a campaign that is not split
 LEFT_OUT = "left out"  # status of a crossing that was not read, or that sheet or quality exclude
 # Measures of a crossing's set-up that a group has the mean of
 MEASURED_IN_CROSSINGS = ("cop_outside_m", "marker_noise_ratio", "foot_residual_ratio", "turn_share")
-# as the cause of another torque or load
+# cause of an unusual torque or load
 LOADED = "another foot or a hand on the plate, or a part of this foot beside it"
 SEPARATOR = "; "  # between the names of groups in one cell; no name has a semicolon
 
@@ -48,8 +52,8 @@ def split_keys(sheet: Mapping[str, Cells]) -> list[str]:
     """
     keys = []
     for key in STATED:
-        # An unperturbed crossing has a person and a pace too. In the others, its empty cell serves
-        # every value.
+        # An unperturbed crossing has a person and a pace, too. In all other columns its cell may be
+        # empty, and then it serves every value.
         concerned = [
             name
             for name, cells in sheet.items()
@@ -86,8 +90,8 @@ def label(conditions: Mapping[str, object]) -> str:
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
     """Find the static trial that calibrates a trial.
 
-    It is the one in its column `static`; else, of those that contradict no stated subject, session
-    or side, the one that agrees in most of them.
+    It is the one in its column `static`. Else it is the one that agrees in most of subject, session
+    and side, and contradicts none of them.
 
     Parameters
     ----------
@@ -111,17 +115,17 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
             )
         return str(named)
 
-    stated = {key: cells[key] for key in OF_STATIC if cells.get(key) is not None}
+    known_cells = {key: cells[key] for key in OF_STATIC if cells.get(key) is not None}
     agreement = {}
     for name, static in statics.items():
-        compared = [key for key in stated if static.get(key) is not None]
-        if all(stated[key] == static[key] for key in compared):
+        compared = [key for key in known_cells if static.get(key) is not None]
+        if all(known_cells[key] == static[key] for key in compared):
             agreement[name] = len(compared)
     best = [name for name, count in agreement.items() if count == max(agreement.values())]
     if len(best) == 1:
         return best[0]
 
-    conditions = ", ".join(f"{key} {cell_text(value)}" for key, value in stated.items())
+    conditions = ", ".join(f"{key} {cell_text(value)}" for key, value in known_cells.items())
     raise InputError(
         f"trial '{trial}', which states {conditions or 'no subject, session or side'}:"
         f" {len(best)} of the static trials {listing(list(statics))} could be its own",
@@ -160,9 +164,9 @@ def places(
     Returns
     -------
     dict
-        Columns of `walking_crossings.csv` that say to which result a crossing belongs: its group,
-        of an unperturbed one several; direction of the turn and onset as a share of mean stance,
-        None unless it is used and perturbed.
+        Columns of `walking_crossings.csv`: group (an unperturbed crossing may have several),
+        direction of the turn, and onset as a share of mean stance. The last two are None unless the
+        crossing is used and perturbed.
     """
     direction_of = {crossing.name: crossing.direction for crossing in crossings}
     keys = split_keys(sheet)
@@ -181,13 +185,15 @@ def places(
 
     place_of: dict[str, dict[str, object]] = {}
     for name in sheet:
-        of_crossing = [group for group in groups if is_of_group(cells_of[name], groups[group])]
-        joined = SEPARATOR.join(of_crossing) or None
+        groups_of_crossing = [
+            group for group in groups if is_of_group(cells_of[name], groups[group])
+        ]
+        joined = SEPARATOR.join(groups_of_crossing) or None
         place_of[name] = {"group": joined, "direction": None, "onset_phase": None}
     for group, conditions in groups.items():
-        of_group = [c for c in crossings if is_of_group(cells_of[c.name], conditions)]
-        stances = [c.stance.duration for c in of_group if c.onset is None]
-        for crossing in of_group:
+        in_group = [c for c in crossings if is_of_group(cells_of[c.name], conditions)]
+        stances = [c.stance.duration for c in in_group if c.onset is None]
+        for crossing in in_group:
             if crossing.onset is not None:
                 # a share of its own stance where there is no unperturbed one
                 stance = np.mean(stances or [crossing.stance.duration])
@@ -206,13 +212,13 @@ def is_of_group(cells: Cells, conditions: Cells) -> bool:
 
 @dataclass(frozen=True)
 class Measure:
-    """What is compared: a value (n,) of each crossing, or its curve (n, k)."""
+    """A compared quantity: a value (n,) of each crossing, or its curve (n, k)."""
 
     name: str
     unit: str
     values: Array
     smallest_scatter: float
-    cause: str  # of one that is far from the others
+    cause: str  # why a crossing may be far from the others
 
 
 @dataclass(frozen=True)
@@ -221,9 +227,10 @@ class Feature:
 
     measure: Measure
     values: Array  # (n,)
-    median: Array  # (n,), of those with which each crossing is compared
+    median: Array  # (n,) of the crossings with which each one is compared
     scatter: float  # about the medians
-    distance: Array  # (n,) from the median, in scatters; of a curve, beyond it: none is too near
+    # (n,) from the median, in scatters; for a curve only above it: no deviation is too small
+    distance: Array
 
 
 def selection_rows(
@@ -240,9 +247,9 @@ def selection_rows(
     Parameters
     ----------
     crossings
-        Those that could be analysed.
+        The crossings that could be analysed.
     refused : mapping
-        Why others, by name, could not.
+        The reasons for which others could not, by name.
     sheet : mapping
         Conditions of all crossings of the sheet, in the order of the rows.
 
@@ -282,7 +289,7 @@ def selection_rows(
 
 
 def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings) -> list[Feature]:
-    """Compare crossings: what no perturbation can change, and what it can.
+    """Compare crossings by features that no perturbation changes, then by those that it may change.
 
     A crossing beyond a limit does not count for later features: four bad ones of twelve would widen
     the scatter until none stands out. Loads are shares of the median load.
@@ -298,9 +305,9 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     stance = np.array([crossing.stance.duration for crossing in crossings])
     theta = curves_of(crossings, "theta", before)
     torque = curves_of(crossings, "torque", before)
-    # until the toes leave: of a foot that lands over an edge, what pushes off loads no plate
+    # until the toes leave: a foot that lands over an edge pushes off beside the plate
     load = curves_of(crossings, "load", PHASES[PHASES >= SINGLE_SUPPORT[0]])[0]
-    pressure = curves_of(crossings, "load", middle)[1]
+    centre_of_pressure = curves_of(crossings, "load", middle)[1]
     usual = np.median(load.mean(axis=1))
     unchanged = [
         Measure(
@@ -321,10 +328,16 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
             100 * rule.load_share,
             LOADED,
         ),
-        Measure("deviation in pressure beside the ankle", "m", pressure, rule.pressure_m, LOADED),
+        Measure(
+            "deviation of the centre of pressure from the ankle",
+            "m",
+            centre_of_pressure,
+            rule.pressure_m,
+            LOADED,
+        ),
     ]
 
-    # What a perturbation changes is compared among those of each direction
+    # Features that a perturbation may change are compared within each direction
     turned = [crossing.direction or "" for crossing in crossings]
     directions = np.unique(turned, return_inverse=True)[1]
     same_kind = np.zeros_like(directions)
@@ -339,16 +352,16 @@ def among_sound(
 ) -> tuple[list[Feature], Mask]:
     """Compare crossings with the sound ones of their kind, until no further one is too far.
 
-    It ends where fewer than half are left: these would be a selection.
+    It also ends before fewer than half are left: these would be a selection.
 
     Parameters
     ----------
     kinds : Array
-        (n,); a crossing is compared with all of its kind if none of them is sound.
+        Kind (n,); a crossing is compared with all of its kind if none of them is sound.
     sound : Mask
-        (n,), to begin with.
+        Crossings (n,) that are sound at first.
     limit : float
-        In scatters.
+        Largest distance, in scatters.
 
     Returns
     -------
@@ -383,16 +396,16 @@ def kind_medians(values: Array, kinds: NDArray[np.int_], sound: Mask) -> Array:
     """For each crossing, the median over the sound ones of its kind, shaped as `values`."""
     medians = np.empty_like(values)
     for kind in np.unique(kinds):
-        of_kind = kinds == kind
-        compared = of_kind & sound
-        medians[of_kind] = np.median(values[compared if compared.any() else of_kind], axis=0)
+        is_of_kind = kinds == kind
+        compared = is_of_kind & sound
+        medians[is_of_kind] = np.median(values[compared if compared.any() else is_of_kind], axis=0)
     return medians
 
 
 def exclusion_reason(
     crossing: Crossing, features: Sequence[Feature], index: int, settings: SelectionSettings
 ) -> str | None:
-    """Why a crossing, which has an index in the features, is not used; None if it is."""
+    """The reason for which the crossing at `index` is not used; None if it is used."""
     if crossing.body_mass is not None:
         phase = crossing.stance.phase(crossing.time)
         load = crossing.load[0][between(phase, SINGLE_SUPPORT)].mean()
@@ -410,7 +423,8 @@ def exclusion_reason(
     if not distance > settings.outliers.limit:
         return None
     unit = furthest.measure.unit
-    value, median = furthest.values[index], furthest.median[index]
+    value = furthest.values[index]
+    median = furthest.median[index]
     return (
         f"{furthest.measure.name} is {value:.3g} {unit}, in other crossings {median:.3g} {unit}"
         f" (median): {distance:.1f} times their usual deviation of {furthest.scatter:.2g} {unit},"
@@ -419,7 +433,7 @@ def exclusion_reason(
 
 
 def crossing_row(crossing: Crossing, reason: str | None) -> dict[str, object]:
-    """What one row of `walking_crossings.csv` says of a crossing's quality."""
+    """The quality of a crossing, as columns of `walking_crossings.csv`."""
     return {
         "status": "used" if reason is None else "outlier",
         "reason": reason,

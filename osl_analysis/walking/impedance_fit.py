@@ -3,16 +3,18 @@
 
     torque = K theta + B omega + I alpha
 
-The residual has a few correlated samples and shows neither of the two errors that matter. The
-perturbed crossing deviates from the mean gait as an unperturbed one does, and the plate's model
-depends on its trials. So single responses have no interval; what the mean response owes to either
-stands in `tables`.
+Single responses have no interval: their residual has a few correlated samples and shows neither of
+the two errors that matter. A perturbed crossing deviates from the mean gait as an unperturbed one
+does, and the plate's model depends on its trials. `tables` has both in the budget of the mean
+response.
 
-The headline subtracts the mean unperturbed gait, as the paper does. Predicted gait stands beside
-it: a crossing that is unlike the mean before the onset stays so for a while. The unperturbed
-crossings tell how: their deviations in the window are regressed on level and slope of angle and
-torque before the onset. Cross-validation over unperturbed crossings decides which of these
-predictors count, or none.
+The headline subtracts the mean unperturbed gait, as the paper does. A second fit subtracts
+predicted gait, since a crossing that differs from the mean before the onset differs for a while.
+Deviations of unperturbed crossings in the window are regressed on level and slope of angle and
+torque before the onset. Cross-validation over unperturbed crossings chooses the predictors, or
+none.
+
+Example: `fit_response(mean_response(responses))["K"]`.
 """
 
 from collections.abc import Sequence
@@ -32,7 +34,7 @@ from osl_analysis.walking.isolated_response import (
 )
 
 ENSEMBLE = "ensemble"
-# of a curve that determines a coefficient alone, whose share is 0
+# smallest free share; that of a curve that determines a coefficient alone is 0
 FREE_SHARE_ROUNDING = 1e-9
 
 PREDICTOR_SETS: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR)
@@ -108,7 +110,7 @@ def mean_response(responses: Sequence[PerturbationResponse]) -> PerturbationResp
 
 
 def predictor_sets(crossings: int) -> list[Predictors]:
-    """The sets that so many unperturbed crossings can tell: one of q predictors needs 3 q + 4."""
+    """The sets that so many unperturbed crossings can determine: q predictors need 3 q + 4."""
     return [chosen for chosen in PREDICTOR_SETS if not chosen or crossings >= 3 * len(chosen) + 4]
 
 
@@ -117,7 +119,7 @@ def best_predictors(
 ) -> Predictors:
     """Find the predictors that predict unperturbed crossings best, by leaving out each of them.
 
-    Predicted is, from the others, the torque that each of them adds to the residual of a fit.
+    The torque that a crossing adds to the residual of a fit is predicted from the other crossings.
     """
     curves = gait_torque(mean, fit)[:, mean.window]
     errors = {}

@@ -1,52 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """Step 3, plate inertia: the plate's own inertia and lag, from its trials without a load.
 
-**Question.** The platform turns under the foot and carries a force plate of 10 to 40 kg. What of
-the wrench that its sensors read is the plate's own, and how late is it behind the markers?
-
-**Equation.** The plate's own wrench is linear in its inertial parameters. After the zero has
-removed the weight, in the plate's axes and about its centre,
+The platform turns under the foot and carries a force plate of 10 to 40 kg. Its sensors also read
+the plate's own wrench, which is linear in its inertial parameters. In the plate's axes and about
+its centre, after the zero has removed the weight,
 
     F = m a' + z x mc + w x (w x mc),    M = mc x a' + I z + w x I w,    a' = R^T (a - g) + g,
 
 where m is the mass, mc mass times centre of mass, I the inertia about the plate's centre, a the
-acceleration of that centre, w the angular velocity and z the angular acceleration. A torque that
-is late by d lowers the damping by K d. Walking data do not show it, because the VAF does not
-change. The unloaded plate does: its inertial force and its acceleration peak at the same time. A
-height h of the corners above the point of the moments adds h z x F to these.
+acceleration of that centre, w the angular velocity and z the angular acceleration. A height h of
+the corners above the point of the moments adds h z x F to the moments.
 
-**Choices and their evidence.** Plates of 25 kg, 0.3 mm marker noise, turns of 2.5 deg in 100 ms,
-unless said; errors are those of the ankle's torque in the window.
+A torque that is late by d lowers the damping by K d, and the VAF of a walking fit does not show it.
+The unloaded plate does: its inertial force and its acceleration peak at the same time.
 
-* Only directions of motion that exceed noise count (`platform.moving_directions`), chosen by
-  singular values. With all six degrees of freedom and the true parameters the torque is off by
-  1.7 N*m RMS, along one axis by 0.2. A hexapod that heaves by 3 mm under a forced single axis is
-  read 9.4 N*m wrong.
-* Only directions of the parameters that the motion shows are identified, in units of a typical
-  plate. The wrench is then right for motions like those here in any axes; single parameters are
-  the least that fit. In fixed directions a laboratory turned by 30 deg misses K by 42 N*m/rad.
-* A second low-pass at 8 Hz, of columns and wrench alike: at 20 Hz a mass of 12 kg is read 10.8.
-  Filtered motions in place of filtered columns would make the lag 0.05 ms too small.
-* Columns have noise, whose squares are taken off (Fuller, 1987). An earlier fit, in all directions
-  at 20 Hz, read 25 kg 2 kg low.
-* The lag is found in each turn, to first order in four steps. Its standard error is that of the
-  noise at rest met at all times of the turn, of any colour, from the rests of all recordings,
-  raised by 1 + 0.1 s over the length of a rest. Errors over standard errors have an SD of 0.8 to
-  0.9 by rests of 0.1 to 0.5 s (turns of campaigns of benchmarks/planted_gait.py, cut); without the
-  factor, by the rest of each recording alone, of 1.1 to 2.
-* Errors of the parameters are by leaving out each trial (jackknife). Such a model changes along
-  the directions of the whole one: a direction that the others do not show stays as it is.
-* Half motions at the ends of a recording are cut: with them the lag is off by milliseconds, the
-  mass by a tenth.
+How it is estimated; errors are those of the ankle's torque or of the plate, for plates of 25 kg,
+0.3 mm marker noise and turns of 2.5 deg in 100 ms:
 
-**Tried and dropped.** The mean unloaded response subtracted (0.4 N*m, and 12.5 where a servo
-differs); a template of the turn shared by all crossings (0.2, and 0.7 where a trial shivers on
-its own); half of the trials as instruments (unbiased, 1.7 to 1.9); a centre of mass of its own
-in the moments, with two limits on when it is seen (the lever h needs none); straight lines across
-occluded markers (K moved by 0.03 %).
+* Only directions of motion that exceed noise count (`platform.moving_directions`). With all six
+  degrees of freedom the torque is off by 1.7 N*m RMS, along one axis by 0.2.
+* Only directions of the parameters that the motion shows are identified. The wrench is then right
+  for motions like those here; single parameters are the least that fit.
+* Columns and wrench pass a second low-pass at 8 Hz: at 20 Hz a mass of 12 kg is read as 10.8.
+* The squares of the columns' noise are taken off (Fuller, Measurement Error Models, 1987).
+* The lag is found in each turn, to first order in four steps. Its standard error is that of noise
+  at rest, met at all times of the turn. Errors over standard errors have an SD of 0.8 to 0.9.
+* Errors of the parameters are by leaving out each trial (jackknife), along the same directions.
+* Half motions at the ends of a recording are cut: with them the lag is off by milliseconds.
 
-**Open.** A plate without mass has no directions; `plate_inertia: none` is then stated, and
-refused where the force follows the acceleration with more than 1 kg (`plate_lag.check_no_mass`).
+A plate without mass has no directions. `plate_inertia: none` is then stated, and refused where the
+force follows the acceleration with more than 1 kg (`plate_lag.check_no_mass`). What was tried and
+dropped stands in docs/decisions.md.
+
+Example: `identify_plate_model([(trial, calibration)], settings).lag` [s].
 """
 
 from collections.abc import Sequence
@@ -207,23 +193,22 @@ def identify_plate_model(
         return model
     without_each = []
     for left_out in motions:
-        others = [motion for motion in motions if motion is not left_out]
+        remaining = [motion for motion in motions if motion is not left_out]
         turns = [turn for turn in model.turns if turn.trial != left_out.name]
-        without_each.append(plate_model(others, turns, model))
+        without_each.append(plate_model(remaining, turns, model))
     return replace(model, leave_one_out=tuple(without_each))
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What n frames of an unloaded plate show, low-passed: columns (n, 6, 10) and wrench
-    (n, 6), and columns of marker noise alone, with the squares of the noise in `columns`."""
+    """Equations of n frames of an unloaded plate, low-passed: columns times parameters = wrench."""
 
-    columns: Array
-    noise: Array
-    wrench: Array
+    columns: Array  # (n, 6, 10)
+    noise: Array  # columns of marker noise alone; their squares are those of the noise in `columns`
+    wrench: Array  # (n, 6)
 
     def parts(self, moves: Mask) -> "list[Shown]":
-        """One part for each motion, of which the frames (n,) are given; both share the noise."""
+        """One part for each motion, by its frames `moves` (n,). The parts share the noise."""
         starts = [run.start for run in runs(moves)][1:]
         columns = np.split(self.columns, starts)
         wrenches = np.split(self.wrench, starts)
@@ -235,7 +220,7 @@ class Shown:
 
 
 def shown_together(recordings: Sequence[Shown]) -> Shown:
-    """What recordings, each with a zero of its own, show together."""
+    """The equations of several recordings, each with a zero of its own."""
     return Shown(
         columns=np.concatenate([without_mean(shown.columns) for shown in recordings]),
         noise=np.concatenate([shown.noise for shown in recordings]),
@@ -252,7 +237,7 @@ class UnloadedMotion:
     columns: Array  # (n, 6, 10), without accelerations at rest
     noisy_columns: Array  # (n, 6, 10), with the noise of markers at rest
     moves: Mask  # frames (n,) into which a low-pass spreads a motion
-    rests: list[slice]  # runs of others, without the recording's ends
+    rests: list[slice]  # runs of frames at rest, without the recording's ends
     wrench_at: WrenchReader  # through both low-passes
 
     def at_rest(self, values: Array) -> Array:
@@ -260,7 +245,7 @@ class UnloadedMotion:
         return np.concatenate([values[:0], *[without_mean(values[rest]) for rest in self.rests]])
 
     def shown(self, lag: float) -> Shown:
-        """What it shows with a plate that lags by `lag` [s]."""
+        """The equations, for a plate that lags by `lag` [s]."""
         noise = self.at_rest(self.noisy_columns)
         scale = np.sqrt(self.moves.sum() / max(len(noise), 1))
         return Shown(self.columns, scale * noise, self.wrench_at(lag))
@@ -282,8 +267,11 @@ class UnloadedRecording:
         return self.plate_low_pass(values, self.track.rate)
 
     def along(self, axes: Array) -> UnloadedMotion:
-        """Motion of the plate's centre along directions (r, 6), of which noise counts in motion
-        only: gated before the low-pass, its high frequencies would become low ones."""
+        """Motion of the plate's centre along directions (r, 6).
+
+        Outside motions the accelerations are 0. Both versions are low-passed before one is chosen:
+        choosing first would turn high frequencies of noise into low ones.
+        """
         track = self.track
         motion, weights = track.measured_motion(axes, self.centre)
         noisy_columns = self.smooth(inertial_columns(motion))
@@ -291,7 +279,9 @@ class UnloadedRecording:
         spread = round(SPREAD_S * track.rate)
         moves = scipy.ndimage.binary_dilation(weights > 0, iterations=spread)
         at_rest = ~moves
-        at_rest[:spread] = at_rest[-spread:] = False  # where a low-pass passes more noise
+        # at the ends a low-pass passes more noise
+        at_rest[:spread] = False
+        at_rest[-spread:] = False
         return UnloadedMotion(
             track.name,
             track.time,
@@ -358,10 +348,12 @@ def whole_recording(
     usable: Mask,
     settings: PlatformSettings,
 ) -> UnloadedRecording | None:
-    """The longest run of usable frames (n,), without a motion that it cuts, and the wrench in it,
-    cut before any filter; None if it is too short."""
+    """The longest run of usable frames (n,) and its wrench; None if it is too short.
+
+    A motion that the run cuts is left out. The wrench is cut before any filter.
+    """
     rows = longest_run(usable)
-    for _ in range(2):  # as it is, and without half motions
+    for _ in range(2):  # first the whole run, then the run without half motions
         if rows.stop - rows.start < 4 * SPREAD_S * sampling_rate(frames):
             return None
         track = platform.platform_track(
@@ -386,7 +378,7 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
     milliseconds, the plate's mass by a tenth.
     """
     n = len(track.time)
-    count = round(SPREAD_S * track.rate / 2)  # whose slopes tell a motion that the recording cuts
+    count = round(SPREAD_S * track.rate / 2)  # frames at an end whose slope shows a cut motion
     moves = track.moving.copy()
     for end in (slice(0, count), slice(n - count, n)):
         since = track.time[end] - track.time[end].mean()
@@ -407,7 +399,8 @@ def plate_model(
 ) -> PlateModel:
     """One inertia from all recordings at the mean of the lags of their turns.
 
-    Only what `whole`, from more recordings, shows is identified, and the rest stays as it is there.
+    With `whole`, a model of more recordings, only its directions are identified; other directions
+    stay as in `whole`.
     """
     lag = mean_lag(turns) or 0.0
     model = identify_plate_inertia([motion.shown(lag) for motion in motions], whole)

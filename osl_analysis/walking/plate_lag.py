@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Step 3, plate lag: how late the plate is in each crossing.
+"""Step 3, plate lag: the lag of the plate behind the markers in each crossing.
 
-The platform turns back after each step, and then nobody stands on it: each crossing shows its own
-lag. Together with those of the unloaded recordings they tell whether one lag holds for all, whether
-it changes from recording to recording, and whether it grows within one: two clocks that run apart.
+The platform turns back after each step with nobody on it, so that each crossing shows its own lag.
+The lag of a turn at time t is a + b [in a crossing] + c t. c is the drift of two clocks that run
+apart. b and the scatter of crossings count as far as they exceed noise (James and Stein, 1961).
+
+Example: `timing_of(crossings, model, settings).lags["walk_1"]` [s].
 """
 
 from collections.abc import Mapping, Sequence
@@ -60,7 +62,7 @@ def timing_of(
 ) -> PlateTiming:
     """Find onsets and lags of the perturbed crossings.
 
-    One whose ramp or stance cannot be followed has none; its own analysis says why.
+    A crossing whose ramp or stance cannot be followed has none; its analysis says why.
 
     Raises
     ------
@@ -76,14 +78,16 @@ def timing_of(
             ramp = platform.ramp_of(time, poses, settings.smallest_turn)
             if ramp is not None:
                 ramps[trial.name] = ramp
-            found = [
+            recordings = [
                 whole_recording(trial, calibration, time, poses, poses.seen() & rows, settings)
                 for rows in without_load(trial, time, model.lag or 0.0, settings)
             ]
-            parts[trial.name] = unloaded_parts([part for part in found if part is not None])
+            parts[trial.name] = unloaded_parts([part for part in recordings if part is not None])
     if not model.directions.size:
-        check_no_mass([part for of_trial in parts.values() for part in of_trial])
-    turns = {name: turns_without_load(of_trial, model) for name, of_trial in parts.items()}
+        check_no_mass([part for parts_of_trial in parts.values() for part in parts_of_trial])
+    turns = {
+        name: turns_without_load(parts_of_trial, model) for name, parts_of_trial in parts.items()
+    }
     onsets, onset_se = platform.ramp_onsets(ramps)
     return replace(plate_timing(model, turns, onsets), onset_se=onset_se)
 
@@ -125,7 +129,8 @@ def turns_without_load(parts: Sequence[UnloadedMotion], model: PlateModel) -> li
 
 def check_no_mass(parts: Sequence[UnloadedMotion]) -> None:
     """Refuse a plate without a model whose force follows the acceleration of its centre."""
-    product = square = 0.0
+    product = 0.0
+    square = 0.0
     for part in parts:
         if part.moves.any():
             acceleration = without_mean(part.columns[part.moves, :3, 0])
@@ -153,7 +158,7 @@ def scattered_fit(X: Array, y: Array, ses: Array) -> tuple[Array, Array, float]:
 
 
 def certain_part(estimates: Array, covariance: Array) -> Array:
-    """What is left of estimates (p,) without `CERTAIN_SES` standard errors; 0 within them."""
+    """Estimates (p,) less `CERTAIN_SES` standard errors; 0 within them."""
     least = np.abs(estimates) - CERTAIN_SES * np.sqrt(np.diag(covariance))
     return np.sign(estimates) * np.maximum(least, 0.0)
 
@@ -170,8 +175,8 @@ def plate_timing(
     Stein, 1961), and `se` holds what is left out of b: the lag's errors are within 1.96 `se` in 92
     to 98 % of draws for any b. A lag that takes b for 0 until it is certain was 2 ms off unnoticed.
     """
-    of_crossings = [turn for name in onsets for turn in crossings.get(name, ())]
-    turns = [*model.turns, *of_crossings]
+    crossing_turns = [turn for name in onsets for turn in crossings.get(name, ())]
+    turns = [*model.turns, *crossing_turns]
     if model.lag is None:
         return PlateTiming(onsets, {})
     is_crossing = np.arange(len(turns)) >= len(model.turns)
@@ -179,13 +184,13 @@ def plate_timing(
     middle = time.mean()
     X = np.column_stack([np.ones_like(time), is_crossing, time - middle])
     drift = certain_part(*scattered_fit(X, lag, se)[:2])[2]
-    if drift == 0:  # no certain one
+    if drift == 0:  # it is not certain, and its column is taken out
         X[:, 2] = 0.0
     estimates, covariance, scatter = scattered_fit(X, lag, se)
     _, change, drift = certain_part(estimates, covariance)
     unexplained = lag - X @ estimates
     shares = scatter**2 / (scatter**2 + se**2)
-    own = {turn.trial: shares[k] * unexplained[k] for k, turn in enumerate(turns)}
+    own_lag = {turn.trial: shares[k] * unexplained[k] for k, turn in enumerate(turns)}
 
     square_of_b = max(estimates[1] ** 2, covariance[1, 1] + LAG_ROUNDING**2)
     left_out = covariance[1] * estimates[1] / square_of_b
@@ -194,12 +199,12 @@ def plate_timing(
     return PlateTiming(
         onsets,
         {
-            name: float(estimates @ [1.0, 1.0, onset - middle] + own.get(name, 0.0))
+            name: float(estimates @ [1.0, 1.0, onset - middle] + own_lag.get(name, 0.0))
             for name, onset in onsets.items()
         },
         lag=float(at_onset @ estimates),
         se=float(np.hypot(np.sqrt(at_onset @ covariance @ at_onset), at_onset @ left_out)),
-        change=float(change) if of_crossings else None,
+        change=float(change) if crossing_turns else None,
         scatter=scatter if len(turns) > 1 else None,
         drift=float(drift),
     )

@@ -2,12 +2,14 @@
 """Step 1, poses: from marker clusters to rigid bodies, and their motion.
 
 The static trial fixes a reference position of every marker. In each frame of another trial a
-segment's markers are then found at
+segment's markers are at
 
     x = R (x_ref - origin) + position,
 
-with the rotation R and the position of the cluster's centroid that fit best. In the static pose
-every segment's axes are the laboratory's (z up).
+with the rotation R and the position of the cluster's centroid that fit best (Kabsch, Acta Cryst.
+A32, 1976). In the static pose every segment's axes are the laboratory's (z up).
+
+Example: `cluster_poses(reference, observed).position`.
 """
 
 from collections.abc import Sequence
@@ -33,7 +35,7 @@ StoredArray = Annotated[
 
 # acceleration [m/s^2] in laboratory axes, z up; to import scipy.constants takes 0.1 s
 FREE_FALL = np.array([0.0, 0.0, -9.80665])
-SMALLEST_WIDTH = 0.1  # of a cluster beside its longest line, as a share of its length
+SMALLEST_WIDTH = 0.1  # of a cluster across its longest line, as a share of that line's length
 SIZES_M = (0.03, 5.0)  # of a plate, and between the clusters of foot and shank
 
 SIDE_FRAMES = 4  # on either side of a gap, through which it is bridged
@@ -110,10 +112,10 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
 
     foot, shank = clusters["foot"], clusters["shank"]
     centres = [np.mean(list(cluster.values()), axis=0) for cluster in (foot, shank)]
-    apart = np.linalg.norm(centres[1] - centres[0])
-    if not SIZES_M[0] < apart < SIZES_M[1]:
+    distance_m = np.linalg.norm(centres[1] - centres[0])
+    if not SIZES_M[0] < distance_m < SIZES_M[1]:
         raise InputError(
-            f"the markers of foot and shank are {apart:.2g} m apart,"
+            f"the markers of foot and shank are {distance_m:.2g} m apart,"
             f" expected {SIZES_M[0]:g} to {SIZES_M[1]:g} m",
             "state the unit of the points as `point_unit` in the source file",
         )
@@ -233,7 +235,7 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
     ----------
     Kabsch, Acta Cryst. A32 (1976) 922.
     """
-    # All is zero of occluded markers, so that they have no weight
+    # occluded markers are zero, so that they have no weight
     seen = np.isfinite(observed).all(axis=2, keepdims=True)
     count = np.maximum(seen.sum(axis=1), 1)
     markers = np.where(seen, observed, 0.0)
@@ -258,10 +260,10 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
 
 
 def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, float]:
-    """Find the marker that stands most otherwise than in the static trial, and how far [m].
+    """Find the marker that moved most in its cluster since the static trial, and how far [m].
 
-    With four markers or more, the others tell where each should be; the moved one is that without
-    which they agree best.
+    With four markers or more, the moved one is that without which the others agree best. The others
+    then say where it should be.
 
     Parameters
     ----------
@@ -270,7 +272,7 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, fl
     tracks : Array
         Positions (n, m, 3) [m], NaN where occluded.
     poses : Poses
-        In the same n frames.
+        Poses of the cluster in the same n frames.
     """
     in_cluster = np.einsum("nji,nmj->nmi", poses.rotation, tracks - poses.position[:, None])
     form = np.full_like(reference, np.nan)
@@ -280,12 +282,12 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, fl
     expected = reference[moved]
     least_residual = np.inf
     for marker in np.flatnonzero(seen):
-        others = np.arange(len(reference)) != marker
-        of_others = cluster_poses(reference[others], form[None, others])
-        if of_others.residual[0] < least_residual:  # NaN of fewer than three others
-            least_residual = of_others.residual[0]
+        is_other = np.arange(len(reference)) != marker
+        poses_by_others = cluster_poses(reference[is_other], form[None, is_other])
+        if poses_by_others.residual[0] < least_residual:  # NaN of fewer than three others
+            least_residual = poses_by_others.residual[0]
             moved = int(marker)
-            expected = of_others.point(reference[marker])[0]
+            expected = poses_by_others.point(reference[marker])[0]
     return moved, float(np.linalg.norm(form[moved] - expected))
 
 

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What shows that the set-up of a crossing is right, whatever it does to the torque.
+"""Step 4, set-up: check a crossing against its static trial, and measure its quality.
 
-What stays the same from the static trial on is compared directly: the plate, the markers of each
-cluster, the ankle between foot and shank, the platform at rest and the corners.
-What differs is named by itself. Markers alone tell whether they were smoothed or filled.
+The plate, the markers of each cluster, the ankle between foot and shank, the platform at rest and
+the corners stay as in the static trial; the largest difference is named. The spectrum of markers
+shows whether they were smoothed, the residual of the foot's rigid body whether gaps were filled.
+
+Example: `crossing_quality(trial, passage, ankle, load, calibration, settings).different_mm`.
 """
 
 from collections.abc import Sequence
@@ -31,7 +33,7 @@ from osl_analysis.walking.walking_settings import CrossingSettings
 FRAMES_OF_SPECTRUM = 128  # of markers: 0.4 s at 300 Hz
 SLOW_NOISE = (0.05, 0.12)  # frequencies of marker noise, as shares of their rate
 FAST = (0.4, 0.5)
-LEAST_RESIDUAL_M = 1e-5  # of a foot's rigid body: what is less is no measured one
+LEAST_RESIDUAL_M = 1e-5  # of a foot's rigid body: a measured one has more
 LARGEST_OUTSIDE_M = 0.02  # of a foot marker from the plate: markers stand so far off the sole
 LATE = (0.6, SINGLE_SUPPORT[1])  # phases in which every foot pushes off, the toes down
 SMALLEST_CHANGE = np.array([0.03, 20.0])  # of roll [m] and push [N] that have a direction
@@ -47,12 +49,12 @@ def differences(
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> dict[str, float]:
-    """Tell by how much [m] each thing stands otherwise in a crossing than in the static trial.
+    """Differences [m] between a crossing and the static trial, by what differs.
 
     Parameters
     ----------
     ankle : Ankle
-        In the rows of the passage; its centre is the mean of the foot's and the shank's.
+        Ankle in the rows of the passage; its centre is the mean of the foot's and the shank's.
     """
     distances = {}
     before = passage.onset if passage.onset is not None else passage.stance.toe_off
@@ -71,7 +73,7 @@ def differences(
     inside = undisturbed.contains(passage.time)
     foot = passage.poses["foot"]
     foot_centre = foot.point(calibration.ankle_centre)
-    # the shank's centre is as far on the other side of the ankle's
+    # the ankle's centre is the mean of the foot's and the shank's: these are twice as far apart
     distance = 2 * (foot_centre - ankle.centre)[inside]
     in_foot = np.einsum("nji,nj->ni", foot.rotation[inside], distance)
     distances["the ankle between foot and shank"] = float(np.linalg.norm(in_foot.mean(axis=0)))
@@ -121,18 +123,18 @@ def crossing_quality(
     markers = foot.points(calibration.positions(settings.markers.foot))
 
     _, left_m, forward_m = load[:, :, None]
-    pressure = (ankle.centre + left_m * ankle.axis + forward_m * ankle.forward)[flat]
+    centre_of_pressure = (ankle.centre + left_m * ankle.axis + forward_m * ankle.forward)[flat]
     unlike_static = differences(trial, passage, ankle, calibration, settings)
     plate_poses = passage.poses["platform"][flat]
     platform_markers = plate_poses.points(calibration.positions(settings.markers.platform))
     points = np.concatenate([markers, platform_markers], axis=1).reshape(-1, 3)
     heights = points[outside(points, passage.corners) == 0, 2]
     above_m = passage.corners[:, 2].mean() - heights.min(initial=np.inf)
-    what = f"the corners of force plate {settings.plate} above a marker that is over it"
-    unlike_static[what] = max(above_m, 0.0)
+    corners_above = f"the corners of force plate {settings.plate} above a marker that is over it"
+    unlike_static[corners_above] = max(above_m, 0.0)
     different = max(unlike_static, key=unlike_static.__getitem__)
     return CrossingQuality(
-        cop_outside_m=cop_outside(pressure, markers),
+        cop_outside_m=cop_outside(centre_of_pressure, markers),
         different=different,
         different_mm=1e3 * unlike_static[different],
         marker_noise_ratio=marker_noise_ratio(trial, settings.markers.platform),
@@ -162,8 +164,11 @@ def marker_noise_ratio(trial: Trial, names: Sequence[str]) -> float | None:
 
 
 def window_quality(passage: Passage, window_s: float) -> dict[str, float]:
-    """Residual of the foot's rigid body in the window over that of stance before, which filled
-    markers raise; and how much of the platform's turn the window shows."""
+    """Residual of the foot's rigid body in the window over that before, and the share of the
+    platform's turn in the window.
+
+    Filled markers raise the first.
+    """
     if passage.onset is None:
         return {}
     time = passage.frames
@@ -255,9 +260,9 @@ def check_roll(phase: Array, load: Array, push: Array, torque: Array) -> None:
     Parameters
     ----------
     phase : Array
-        Of stance (n,).
+        Phase of stance (n,).
     load : Array
-        (3, n), as in `Crossing`.
+        Load (3, n), as in `Crossing`.
     push : Array
         Horizontal force [N] to the left and forward (2, n), which brakes before it pushes.
     torque : Array
@@ -293,18 +298,18 @@ def check_roll(phase: Array, load: Array, push: Array, torque: Array) -> None:
 
 
 def body_mass(trial: Trial, sheet: float | None) -> float | None:
-    """Body mass [kg] of a trial: the sheet's, else the recording's, which is 0 where it does not
-    know it."""
+    """Body mass [kg] of a trial: that of the sheet, else that of the recording; None where neither
+    has one."""
     return sheet or trial.provenance.get("mocap", {}).get("body_mass_kg") or None
 
 
-def cop_outside(pressure: Array, markers: Array) -> float:
+def cop_outside(centre_of_pressure: Array, markers: Array) -> float:
     """Mean distance [m] of the centre of pressure (n, 3) [m] beyond the edges of the area between
     foot markers.
 
     Both are seen from above, the markers (n, m, 3) [m] at their mean place.
     """
-    on_mean_foot = pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1))
+    on_mean_foot = centre_of_pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1))
     hull = scipy.spatial.ConvexHull(markers.mean(axis=0)[:, :2])
     beyond = on_mean_foot[:, :2] @ hull.equations[:, :2].T + hull.equations[:, 2]
     return float(np.mean(np.maximum(beyond.max(axis=1), 0.0)))

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of the results: single perturbations, headlines, responses, figures, groups.
+"""Step 9, tables: estimates and budgets of groups of crossings, and rows of result tables.
 
-`walking_groups.csv` has what shows whether the result of a group can be trusted: fields of the
-classes here are its columns, the dictionary says what each is, and limits may stand on them. The
-residual of a fit is compared with what ordinary gait leaves: each unperturbed crossing's deviation
-from their mean, fitted with the same columns. One that is a small share of the torque does not
-count, however regular the gait.
+A budget has the scatter of perturbed and unperturbed crossings (jackknife), errors of the set-up
+that all crossings share, and half of the change by another window or an offset.
+
+The residual of a fit is compared with that of ordinary gait: the deviation of each unperturbed
+crossing from their mean, fitted with the same columns.
+
+Example: `group_headline(perturbed, gait, settings, plate, timing).ensemble.budgets["K"].low`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,9 +43,9 @@ from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.walking_settings import TimingSettings
 
-NAMES = (*QUANTITIES, "VAF")  # of all that a fit tells
+NAMES = (*QUANTITIES, "VAF")  # of all results of a fit
 Contributions = dict[str, Contribution]
-"""Of one source to these, as far as it has any."""
+"""The contributions of one source, by estimate."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +74,10 @@ def group_headline(
     timing: PlateTiming,
     has_drivetrain: bool = True,
 ) -> GroupHeadline:
-    """Compute the result of the perturbed crossings of one group, whose unperturbed gait is `gait`.
+    """Compute the result of the perturbed crossings of one group, with its unperturbed `gait`.
 
-    `plate` and `timing` tell how well its height, its lag and the onsets are known. The inertia of
-    a leg without a drivetrain is not negative.
+    `plate` and `timing` have the errors of the plate's height, of its lag and of the onsets. A leg
+    without a drivetrain has no negative inertia: a fit that gives one is doubtful.
 
     Raises
     ------
@@ -94,7 +96,7 @@ def headline_of_responses(
 ) -> GroupHeadline:
     """Fit Eq. 15 to the mean of two or more responses, minus mean and minus predicted gait."""
     mean = mean_response(responses)
-    errors = [*of_set_up(mean, plate, timing), of_onset(mean, timing)]
+    errors = [*set_up_rows(mean, plate, timing), onset_rows(mean, timing)]
     return GroupHeadline(
         responses,
         ensemble=group_fit(responses, [()], errors),
@@ -109,36 +111,36 @@ def group_fit(
 ) -> GroupFit:
     """The fit of a group with the budgets of its estimates.
 
-    Predictors of gait, of the `choices`, are chosen anew without each unperturbed crossing, since
-    another campaign would. `errors` are those of the set-up.
+    Predictors of gait are among the `choices`. They are chosen anew without each unperturbed
+    crossing, as they would be in another campaign. `errors` are those of the set-up.
     """
     mean = mean_response(responses)
-    of_mean = fit_response(mean)
-    predictors = best_predictors(mean, of_mean, choices)
+    mean_fit = fit_response(mean)
+    predictors = best_predictors(mean, mean_fit, choices)
     without_perturbed = []
     for i in range(len(responses)):
-        others = mean_response([*responses[:i], *responses[i + 1 :]])
-        without_perturbed.append(estimates_and_vaf(replace(others, predictors=predictors)))
+        without_one = mean_response([*responses[:i], *responses[i + 1 :]])
+        without_perturbed.append(estimates_and_vaf(replace(without_one, predictors=predictors)))
     crossings = len(mean.thetas)
     without_unperturbed = []
     for i in range(crossings):
-        others = mean.without(i)
-        chosen = best_predictors(others, of_mean, choices)
-        without_unperturbed.append(estimates_and_vaf(replace(others, predictors=chosen)))
+        without_one = mean.without(i)
+        chosen = best_predictors(without_one, mean_fit, choices)
+        without_unperturbed.append(estimates_and_vaf(replace(without_one, predictors=chosen)))
 
     response = replace(mean, predictors=predictors)
     rows = [
-        of_scatter(Source.CROSSINGS, without_perturbed, freedom=len(responses) - 1.0),
-        of_scatter(
+        scatter_rows(Source.CROSSINGS, without_perturbed, freedom=len(responses) - 1.0),
+        scatter_rows(
             Source.MEAN_GAIT, without_unperturbed, freedom=crossings - 1.0 - len(predictors)
         ),
         *errors,
-        *of_choices(response),
+        *choice_rows(response),
     ]
     budgets = {}
     for name, value in zip(NAMES, estimates_and_vaf(response), strict=True):
-        found = tuple(row[name] for row in rows if name in row)
-        budgets[name] = Budget(float(value), found)
+        contributions = tuple(row[name] for row in rows if name in row)
+        budgets[name] = Budget(float(value), contributions)
     return GroupFit(response, budgets)
 
 
@@ -154,8 +156,10 @@ def estimates_of(response: PerturbationResponse, window: slice | None = None) ->
 
 
 def with_late_torque(fit: GroupFit) -> GroupFit:
-    """The fit with the doubt that a negative inertia throws on the lag: a torque late by d lowers B
-    by K d and I by B d, to first order."""
+    """The fit with the lag that would explain its negative inertia, as a fault.
+
+    To first order a torque that is late by d lowers B by K d, and I by B d.
+    """
     budgets = dict(fit.budgets)
     K = budgets["K"].value
     B = budgets["B"].value
@@ -167,95 +171,98 @@ def with_late_torque(fit: GroupFit) -> GroupFit:
         part="fault",
         detail="a lag that makes I negative",
     )
-    for name, row in of_estimates(late_plate, lag_s * np.array([0.0, K, B])).items():
+    for name, row in by_estimate(late_plate, lag_s * np.array([0.0, K, B])).items():
         budgets[name] = budgets[name].plus(row)
     return replace(fit, budgets=budgets)
 
 
-def of_estimates(contribution: Contribution, standards: Array) -> Contributions:
-    """A contribution to each of K, B and I, or of `NAMES`, by the standard uncertainties (3,) or
-    (4,)."""
+def by_estimate(contribution: Contribution, standards: Array) -> Contributions:
+    """The contribution to each of K, B, I (3,), or of `NAMES` (4,), with its standard
+    uncertainty."""
     sizes = zip(NAMES[: len(standards)], np.abs(standards), strict=True)
     return {name: replace(contribution, standard=float(size)) for name, size in sizes}
 
 
-def of_scatter(source: Source, without_one: Sequence[Array], freedom: float) -> Contributions:
-    """What the scatter of crossings contributes, by the estimates without each of them."""
+def scatter_rows(source: Source, without_one: Sequence[Array], freedom: float) -> Contributions:
+    """The contributions of the scatter of crossings, by the estimates without each of them."""
     scatter = Contribution(source, None, freedom, basis="measured", part="repeatability")
-    return of_estimates(scatter, jackknife_ses(without_one))
+    return by_estimate(scatter, jackknife_ses(without_one))
 
 
-def by_all_crossings(
-    source: Source, standards: Array, freedom: float | None = None
-) -> Contributions:
-    """What all crossings of a campaign tell of an error that they share."""
+def shared_rows(source: Source, standards: Array, freedom: float | None = None) -> Contributions:
+    """The contributions of an error that all crossings of a campaign share."""
     shared = Contribution(source, None, freedom, basis="measured", shared=True)
-    return of_estimates(shared, standards)
+    return by_estimate(shared, standards)
 
 
-def by_choice(source: Source, changes: Array) -> Contributions:
-    """Half of the changes (3,) by another choice of the analysis."""
-    return of_estimates(Contribution(source, None, basis="assumed", part="motion"), changes / 2)
+def half_changes(source: Source, changes: Array) -> Contributions:
+    """The contributions of another choice of the analysis: half of its changes (3,)."""
+    return by_estimate(Contribution(source, None, basis="assumed", part="motion"), changes / 2)
 
 
-def of_set_up(
+def set_up_rows(
     response: PerturbationResponse, plate: PlateModel, timing: PlateTiming
 ) -> list[Contributions]:
-    """What the plate's model, lag, height and gain, and the foot's place contribute, by the changes
-    (m + 4, k) [N*m] of the mean response."""
+    """The contributions of the plate's model, lag, height and gain, and of the foot's place.
+
+    They follow from the changes (m + 4, k) [N*m] of the mean response's torque.
+    """
     torques = response.changes[:, response.window]
     changes = np.linalg.lstsq(response.fitted_motion.columns, torques.T)[0].T
     by_trial, by_unit = np.split(changes, [-len(PER_UNIT)])
-    of_lag, of_height, of_place, of_mass = by_unit
+    by_lag, by_height, by_place, by_mass = by_unit
 
     rows = [
         unknown(
             Source.WALKING_UNSEEN, "% of the plate's gain", K=fit_response(response)["K"] / 100
         ),
-        unknown(Source.WALKING_UNSEEN, "mm of the foot's place", K=of_place[0]),
+        unknown(Source.WALKING_UNSEEN, "mm of the foot's place", K=by_place[0]),
     ]
     if len(by_trial) > 1:
         ses = jackknife_ses(by_trial)
-        rows.append(by_all_crossings(Source.PLATE_INERTIA, ses, freedom=len(by_trial) - 1.0))
+        rows.append(shared_rows(Source.PLATE_INERTIA, ses, freedom=len(by_trial) - 1.0))
     else:
-        rows.append(of_error(Source.PLATE_INERTIA, "kg", of_mass, None))
-    rows.append(of_error(Source.PLATE_LAG, "ms", of_lag, timing.se))
-    rows.append(of_error(Source.PLATE_HEIGHT, "mm", of_height, plate.height_se))
+        rows.append(error_rows(Source.PLATE_INERTIA, "kg", by_mass, None))
+    rows.append(error_rows(Source.PLATE_LAG, "ms", by_lag, timing.se))
+    rows.append(error_rows(Source.PLATE_HEIGHT, "mm", by_height, plate.height_se))
     return rows
 
 
-def of_error(source: Source, unit: str, changes: Array, standard: float | None) -> Contributions:
-    """What an error contributes, by the changes (3,) of K, B and I per ms or mm and its standard
-    uncertainty [s] or [m]; where nobody has measured it (None), these changes."""
+def error_rows(source: Source, unit: str, changes: Array, standard: float | None) -> Contributions:
+    """The contributions of an error.
+
+    `changes` (3,) are those of K, B and I per ms or mm; `standard` is its uncertainty [s] or [m].
+    Where nobody has measured it (None), the rows have the changes per unit alone.
+    """
     if standard is None:
         return unknown(Source.PLATE_UNSEEN, unit, **dict(zip(QUANTITIES, changes, strict=True)))
-    return by_all_crossings(source, 1e3 * standard * changes)
+    return shared_rows(source, 1e3 * standard * changes)
 
 
-def of_choices(response: PerturbationResponse) -> list[Contributions]:
-    """Half of what an offset of the fit, and the length of the window, would change."""
+def choice_rows(response: PerturbationResponse) -> list[Contributions]:
+    """The contributions of an offset in the fit, and of another length of the window."""
     first = response.window.start
     last = response.window.stop
     step = round((last - first) / 10)
     shorter = estimates_of(response, slice(first, last - step))
     longer = estimates_of(response, slice(first, last + step))
-    # far off if the response is not of second order
+    # an offset changes much if the response is not of second order
     X = np.column_stack([response.fitted_motion.columns, np.ones(last - first)])
     with_offset = np.linalg.lstsq(X, response.fitted_torque)[0][:-1]
     return [
-        by_choice(Source.WINDOW, longer - shorter),
-        by_choice(Source.OFFSET, with_offset - estimates_of(response)),
+        half_changes(Source.WINDOW, longer - shorter),
+        half_changes(Source.OFFSET, with_offset - estimates_of(response)),
     ]
 
 
-def of_onset(response: PerturbationResponse, timing: PlateTiming) -> Contributions:
-    """What an error of all onsets contributes."""
+def onset_rows(response: PerturbationResponse, timing: PlateTiming) -> Contributions:
+    """The contributions of an error that all onsets share."""
     first = response.window.start
     last = response.window.stop
     earlier = estimates_of(response, slice(first - 1, last - 1))
     later = estimates_of(response, slice(first + 1, last + 1))
     frames = timing.onset_se * sampling_rate(response.time)
-    return by_all_crossings(Source.ONSET, frames * (later - earlier) / 2)
+    return shared_rows(Source.ONSET, frames * (later - earlier) / 2)
 
 
 SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count
@@ -264,27 +271,27 @@ SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count
 def residual_over_gait(response: PerturbationResponse) -> float | None:
     """RMS residual of Eq. 15 over that of the ordinary gait of each unperturbed crossing.
 
-    None below 3 % of the torque, or over 0.
+    It is None where the residual is below 3 % of the torque, or gait leaves none.
     """
     columns = response.fitted_motion.columns
     torque = response.fitted_torque
-    of_gait = gait_torque(response, fit_response(response))[:, response.window]
+    gait_torques = gait_torque(response, fit_response(response))[:, response.window]
     residual = unexplained_rms(columns, torque[None])
-    usual = unexplained_rms(columns, of_gait)
+    usual = unexplained_rms(columns, gait_torques)
     if residual > SMALLEST_RESIDUAL_SHARE * rms(torque) and usual > 0:
         return residual / usual
     return None
 
 
 def unexplained_rms(columns: Array, torques: Array) -> float:
-    """RMS [N*m] of what the columns (k, 3) leave of torques (n, k)."""
+    """RMS [N*m] of torques (n, k) that the columns (k, 3) do not explain."""
     explained = (columns @ np.linalg.lstsq(columns, torques.T)[0]).T
     return rms(torques - explained)
 
 
 def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> dict[str, Any]:
-    """The estimates of a group, at which phase of stance the fit reads them, and how it agrees with
-    single fits and with ordinary gait: columns of `walking_groups.csv` beside its `conditions`."""
+    """The estimates of a group, the phase of stance that they belong to, and measures of the fit:
+    columns of `walking_groups.csv` beside its `conditions`."""
     mean = headline.ensemble.response
     budgets = headline.ensemble.budgets
     predicted = {
@@ -293,7 +300,7 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
         if name in QUANTITIES
     }
     K = budgets["K"].value
-    (of_offset,) = budgets["K"].from_source(Source.OFFSET)
+    (offset_row,) = budgets["K"].from_source(Source.OFFSET)
     estimates: dict[str, Any] = {}
     for name in QUANTITIES:
         estimates.update(budgets[name].columns(name))
@@ -302,7 +309,7 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
         **estimates,
         "VAF": budgets["VAF"].value,
         "residual_over_gait": residual_over_gait(mean),
-        "offset_share": 2 * of_offset.size / abs(K) if K else None,
+        "offset_share": 2 * offset_row.size / abs(K) if K else None,
         "pace_change": mean.pace_change,
         **predicted,
     }
@@ -315,7 +322,7 @@ def conditions_of(
     plate: PlateModel,
     timing: PlateTiming,
 ) -> dict[str, Any]:
-    """Gather what is known of a group before any fit: columns of `walking_groups.csv`.
+    """The facts of a group before any fit: columns of `walking_groups.csv`.
 
     Parameters
     ----------
@@ -324,19 +331,19 @@ def conditions_of(
     gait : UnperturbedGait or None
         The mean gait of the group, if there is one.
     plate, timing : PlateModel, PlateTiming
-        Of the unloaded plate, and its lags in the crossings.
+        Model of the unloaded plate, and the plate's lags in the crossings.
     """
-    of_group = selection.filter(pl.col("group").str.split(SEPARATOR).list.contains(group))
-    used = of_group.filter(pl.col("perturbed"), pl.col("reason").is_null())
+    group_crossings = selection.filter(pl.col("group").str.split(SEPARATOR).list.contains(group))
+    used = group_crossings.filter(pl.col("perturbed"), pl.col("reason").is_null())
     shares = (
-        of_group.drop_nulls("perturbed")
+        group_crossings.drop_nulls("perturbed")
         .group_by("perturbed")
         .agg(pl.col("reason").count() / pl.len())
     )
     phases = used["onset_phase"].cast(pl.Float64)
     stances = pl.Series(gait.stance if gait is not None else [], dtype=pl.Float64)
     stance = stances.mean()
-    different, different_mm = set_up_difference(of_group)
+    different, different_mm = set_up_difference(group_crossings)
     return {
         "group": group,
         "n": len(used),
@@ -359,14 +366,16 @@ def conditions_of(
 
 
 def set_up_difference(crossings: pl.DataFrame) -> tuple[str | None, float | None]:
-    """Find the largest difference [mm] from the static trial that half of the perturbed, or of the
-    unperturbed, crossings agree in: rows of `walking_crossings.csv`."""
+    """Find the largest difference [mm] from the static trial in rows of `walking_crossings.csv`.
+
+    It counts where half of the perturbed, or half of the unperturbed, crossings have the same one.
+    """
     largest: tuple[str | None, float | None] = None, None
-    for of_kind in crossings.drop_nulls("different").partition_by("perturbed"):
-        what = of_kind["different"].mode().min()
-        distances = of_kind.filter(different=what)["different_mm"].cast(pl.Float64).to_numpy()
-        if 2 * len(distances) >= len(of_kind) and distances.mean() > (largest[1] or 0.0):
-            largest = str(what), distances.mean()
+    for alike in crossings.drop_nulls("different").partition_by("perturbed"):
+        place = alike["different"].mode().min()
+        distances = alike.filter(different=place)["different_mm"].cast(pl.Float64).to_numpy()
+        if 2 * len(distances) >= len(alike) and distances.mean() > (largest[1] or 0.0):
+            largest = str(place), distances.mean()
     return largest
 
 
@@ -405,8 +414,11 @@ def perturbation_row(
 
 
 def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str, Any]]:
-    """Make the rows of `walking_summary.csv` of one group, of which `fits` are the rows of
-    `walking.csv`: the mean over perturbations, and the fits to the mean response."""
+    """Make the rows of `walking_summary.csv` of one group.
+
+    They are the mean over perturbations, by the rows `fits` of `walking.csv`, and the fits to the
+    mean response.
+    """
     n = {"n": len(fits)}
     rows: list[dict[str, Any]] = []
     for name in NAMES:
@@ -422,7 +434,7 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str,
 
 
 def budget_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
-    """Tabulate `walking_budget.csv`: what contributes to the estimates of a group."""
+    """Tabulate `walking_budget.csv`: the contributions to the estimates of a group."""
     estimates = dict(headline.ensemble.budgets)
     for name, budget in headline.predicted.budgets.items():
         estimates[budget_name(name, PREDICTED)] = budget

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy
 
-from osl_analysis.signals.agreement import turns
+from osl_analysis.signals.agreement import turn_ratio, turns
 from osl_analysis.signals.device_clock import DeviceClock, held_values
 
 COUNT = np.arange(2000)
@@ -54,6 +54,16 @@ def test_a_source_hardly_slower_than_the_log_is_even_to_a_row(uneven, holds):
 
 def test_channels_are_compared_over_a_quarter_of_a_second():
     assert turns(EVEN, 2 * EVEN, False) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("correlation", "follows"), [(0.93, True), (0.87, False)])
+def test_a_channel_follows_another_of_which_it_explains_four_fifths(correlation, follows):
+    angle = np.sin(np.linspace(0, 20 * np.pi, 1000))
+    other = np.sin(np.linspace(0, 30 * np.pi, 1000))  # uncorrelated, and as large
+
+    ratio = turn_ratio(angle, correlation * angle + np.sqrt(1 - correlation**2) * other)
+
+    assert np.isfinite(ratio) == follows
 
 
 def fast_hand(seed, bits=14):

@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from osl_analysis.stats.budget import Budget, Contribution, budget_rows, budgets_in, scatter
+from osl_analysis.stats.budget import (
+    Budget,
+    Contribution,
+    budget_rows,
+    budgets_in,
+    floored_size,
+    scatter,
+)
 
 OWN = scatter(1.0, 9.0)
 BENCH = Contribution("torque_gain", 1.0, shared=True)
@@ -77,3 +84,10 @@ def test_a_budget_is_read_as_it_was_written():
 
     assert budgets_in(rows, {"K": 100.0}) == {"K": budget}
     assert budgets_in(rows, {"K": None}) == {}
+
+
+@pytest.mark.parametrize(("name", "size"), [("K", 2.0), ("B", 0.1), ("I", 1e-3)])
+def test_a_share_of_an_estimate_of_zero_is_one_of_a_weak_joint(name, size):
+    """[N*m/rad, N*m*s/rad, kg*m^2]"""
+    assert floored_size(name, 0.0) == size
+    assert floored_size(name, 100 * size) == pytest.approx(100 * size, rel=1e-4)

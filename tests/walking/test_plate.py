@@ -428,6 +428,22 @@ def test_a_channel_that_fails_elsewhere_does_not_matter(trial, plate, stance):
     check_plate(trial, plate, stance, PERSON)
 
 
+@pytest.mark.parametrize(("size_m", "is_plate"), [
+    (0.025, False), (0.04, True), (4.5, True), (6.0, False),
+])  # fmt: skip
+def test_a_plate_has_three_centimetres_to_five_metres_from_corner_to_corner(size_m, is_plate):
+    corners = np.array([[1.0, 1, 0], [0, 1, 0], [0, 0, 0], [1, 0, 0]]) * size_m / np.sqrt(2)
+    trial = Trial(
+        "w", pl.DataFrame({"time": [0.0]}), {"plates": [{"plate": 1, "corners": corners.tolist()}]}
+    )
+
+    if is_plate:
+        assert recorded_corners(trial, 1) == pytest.approx(corners)
+    else:
+        with refused_with("force plate 1 is .* from corner to corner"):
+            recorded_corners(trial, 1)
+
+
 def test_a_force_beyond_a_person_s_is_refused():
     with refused_with(r"plate 1.*8\.4e\+03 N,.*8000 N"):
         check_plate(examined(), 1, STANCE, 12 * PERSON)
@@ -461,6 +477,7 @@ def test_the_pressure_is_where_the_force_acts():
 
     assert load[:, 0] == pytest.approx([700, 1.05 - 0.93, 0.2])
     assert load_on_foot(0.14 * wrench, CENTRE, ankle)[1] == 0.0, "98 N have no centre"
+    assert load_on_foot(0.2 * wrench, CENTRE, ankle)[1] == pytest.approx(0.12), "140 N have one"
 
 
 @pytest.mark.parametrize(

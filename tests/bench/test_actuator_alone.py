@@ -21,7 +21,7 @@ from osl_analysis.base.trial import Trial
 from osl_analysis.base.yaml_settings import read_yaml
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS as NAMES
-from osl_analysis.bench.parts_alone import actuator_table, actuator_trial
+from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, check_prompt
 from osl_analysis.commands.fit import fit_actuator_trial, fit_trial
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.ingest.quality import Commanded, measure_quality
@@ -264,3 +264,20 @@ def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
         fit_log(t, theta, np.roll(current, 10), torque)
     # which `plausible` refuses
     assert fit_log(t, theta, -current, torque).interval("k_tau_n_m")[1] < 0
+
+
+@pytest.mark.parametrize(("rows", "says"), [(20, "20 ms earlier"), (-20, "20 ms later")])
+def test_a_current_that_was_recorded_late_fits_earlier_and_an_early_one_later(rows, says):
+    current, omega, friction = white_noise((3, 4000), 2)
+    columns = {
+        "k_tau_n_m": current,
+        "f_C": friction,
+        "B_m": omega,
+        "J_m": np.gradient(omega),
+        "one": np.ones(4000),
+        "ramp": np.linspace(-1, 1, 4000),
+    }
+    torque = 0.6 * np.roll(current, -rows) + 0.1 * omega
+
+    with refused_with(says):
+        check_prompt(columns, torque, np.ones(4000, dtype=bool), 1000.0)

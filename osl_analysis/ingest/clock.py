@@ -40,7 +40,7 @@ class ClockFit:
 
 @dataclass(frozen=True)
 class PulseLimits:
-    """What makes a level a pulse train, and two pulse trains one."""
+    """Limits by which a level is a pulse train, and two pulse trains are one."""
 
     largest_drift: float = 5e-4  # [s/s] between two crystal clocks
     # [s/s] standard deviation between two; keeps a short recording plausible

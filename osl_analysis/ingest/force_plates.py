@@ -238,7 +238,7 @@ def plate_axes(corners: Array) -> Array:
 
 
 def distance_from_plate(points: Array, corners: Array) -> Array:
-    """Find how far points lie beside the plate.
+    """Find the distance of points from the plate.
 
     Parameters
     ----------

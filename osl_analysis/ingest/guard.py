@@ -107,7 +107,7 @@ ANGLES = ("theta", "theta_m", "theta_command")
 
 @dataclass(frozen=True)
 class ComputedTorque:
-    """What tells a torque that a program computed from one that a load cell measured."""
+    """Limits that part a torque that a program computed from one that a load cell measured."""
 
     # of a torque's SD; load cells leave more, rounding of both signals less
     least_of_sensor: float = 6e-4
@@ -136,8 +136,8 @@ COMPUTED_TORQUE = ComputedTorque()
 @np.errstate(all="ignore")  # values of damaged files may be of any size
 def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse a torque that is a function of angle, current and the actuator's speed, or that a
-    program filtered from them: a fit to it would be circular. Not one that is stated to be
-    `measured`."""
+    program filtered from them: a fit to it would be circular. A torque that is stated to be
+    `measured` passes."""
     if origin(trial, torque).get("measured"):
         return
     names = tuple(name for name in trial.columns if name in (angle, "current", "omega_m"))
@@ -192,9 +192,12 @@ def rows_averaged(time: Array) -> int:
 
 
 def rows_of_current(time: Array, torque: Array, signals: Mapping[str, Array], angle: str) -> Array:
-    """The rows of a torque (n,) and what a linkage makes of a current (n,), where the joint moves
-    well: its arm changes with the angle, and friction has the way of the motion. How it sets in
-    from rest, as a sign, a tanh or Stribeck's curve, then does not matter."""
+    """Rows of a torque (n,) and of the torque of a current (n,) through a linkage.
+
+    The linkage's arm changes with the angle, and friction opposes the motion. Only rows in which
+    the joint moves well count, so that it does not matter how friction sets in from rest: as a
+    sign, a tanh or Stribeck's curve.
+    """
     current = signals["current"]
     turned = signals.get(angle, np.zeros_like(torque))
     speeds = [signals["omega_m"]] if "omega_m" in signals else []
@@ -220,8 +223,11 @@ def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:
 
 
 def unexplained_share(columns: Array) -> float:
-    """What other columns leave of the first one, (columns, n), in most rows, as a share of its SD;
-    1 if too short to tell."""
+    """Residual of the first column after least squares on the others, (columns, n).
+
+    It is the residual that most rows do not exceed, as a share of the column's SD; 1 of too few
+    rows.
+    """
     y, *explaining = columns[:, np.isfinite(columns).all(axis=0)]
     X = np.column_stack(explaining)
     if len(y) < COMPUTED_TORQUE.fewest_compared or not varies(y):
@@ -279,7 +285,7 @@ def check_recording(
 
 @dataclass(frozen=True)
 class LostSign:
-    """What tells a torque whose size was logged without its sign."""
+    """Limits by which a torque that was logged without its sign is recognised."""
 
     # residual of the motion with the signs put back over that without: |K theta| leaves all of its
     # SD without them, and its noise with them; a preloaded joint leaves the same with both

@@ -50,7 +50,7 @@ FEWEST_BITS: Mapping[float, int] = {1.0: 8, 1e-3: 16, 1e-6: 16}
 
 @dataclass(frozen=True)
 class CounterOverflow:
-    """What makes a fall of readings the overflow of a counter."""
+    """Limit by which a fall of readings is the overflow of a counter."""
 
     most_steps: float = 10.0  # usual steps by which a counter may go on where it overflows
 
@@ -136,7 +136,7 @@ def begins_anew(rows: Rows, starts: NDArray[np.intp], first: object) -> InputErr
 
 @dataclass(frozen=True)
 class ClockLimits:
-    """What makes a column a clock, and two clocks different."""
+    """Limits by which a column is a clock, and two clocks differ."""
 
     # [Hz] rates of recorders of joints: less than a factor of 1000
     recorded_hz: tuple[float, float] = (50.0, 5000.0)

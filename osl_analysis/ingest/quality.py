@@ -274,7 +274,7 @@ NOISY = "(torque|torque_m|current)"  # columns that noise keeps changing
 
 @dataclass(frozen=True)
 class SensorLimits:
-    """What tells sensors at an end of their range, and those that stand still."""
+    """Limits by which a sensor is at an end of its range, or stands still."""
 
     clear_change: float = 0.05  # share of a reference's range, which noise of no kind reaches
     near_end: float = 1e-3  # share of a stated range: a value nearer to its end is at it
@@ -376,7 +376,7 @@ def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
 
 @dataclass(frozen=True)
 class LeapLimits:
-    """What tells the cause of leaps, and what leaves them out."""
+    """Limits that tell the cause of leaps, and the size of windows without them."""
 
     # [s] that a window leaves out beside a leap; three time constants of the usual low-pass
     around_s: float = 0.2
@@ -496,7 +496,7 @@ def measure_marker_gaps(examined: Examined) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class PlateLimits:
-    """What tells a bare plate from a loaded one."""
+    """Limits that part a bare plate from a loaded one."""
 
     part_s: float = 0.2  # [s] of a force, whose level is its mean
     # [N] largest standard deviation of a plate at rest, and largest level of a bare one

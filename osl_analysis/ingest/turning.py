@@ -65,7 +65,7 @@ def other_turning_channels(
 
 
 def kinds_of(channel: Channel) -> set[str]:
-    """What the words of a channel's name tell."""
+    """The kinds of signal that the words of a channel's name state."""
     return kinds_of_words(parted_name(channel.key))
 
 

@@ -383,7 +383,7 @@ PARAMETERS = ROOT / "config/parameters"
             {"B_j": {"value": -0.1}, "J_m": {"value": 1e-300}},
             r"B_j = -0.1.*zero.*J_m = 1e-300 kg\*m\^2.*1e-09.*1e\+09",
         ),
-        ({"n_T": {"value": "83/0"}}, "ratio.*83/18"),
+        ({"n_T": {"value": "83/0"}}, "n_T.*write a number.*83/18"),
         ({"f_G": {"value": 2}}, r"f_G = 2.0 N\*m/A.*k_tau n_m"),
     ],
 )

@@ -120,7 +120,7 @@ class ComputedTorque:
     moves_well: float = 1.0
     # of a load cell's own noise in a torque's; of joints simulated at 40 Hz or more half is left
     least_of_noise: float = 0.1
-    # of the differences that tell noise; motion of 6 Hz at 50 Hz has 1e-5 of its size in them
+    # of the differences that tell noise; motion of 6 Hz at 50 Hz has 1e-3 of its size in them
     order_of_noise: int = 8
     rows_tried: int = 10_000  # that tell a filter; all rows of an hour take as long as the fit
     # [s] over which rows are summed before they are compared; a tenth of a period of 6 Hz

@@ -51,7 +51,7 @@ rule fit:
                 inputs=dict(trial=input.trial),
                 arguments=dict(
                     parameters=parameters,
-                    desired=DesiredImpedance(**params.stated),
+                    desired=DesiredImpedance(**params.sheet_cells),
                     weight=Weight(**params.weight),
                     settings=ImpedanceAnalysis(**params.settings),
                     windows=params.windows,
@@ -106,7 +106,7 @@ rule fit:
                 inputs=dict(trial=input.trial),
                 arguments=dict(
                     settings=TorqueAngleAnalysis(**params.settings),
-                    desired=params.stated["desired"],
+                    desired=params.sheet_cells["desired"],
                     outputs=outputs,
                 ),
                 trial=trial,

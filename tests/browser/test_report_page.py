@@ -59,8 +59,8 @@ def trials():
         "crossing": recording_signals(pl.DataFrame({"time": time, "torque": torque}), ""),
         "unread": None,
     }
-    for name, of_trial in signals.items():
-        yield trial_view({**ROW, "trial": name}, {}, [], None, of_trial)
+    for name, trial_signals in signals.items():
+        yield trial_view({**ROW, "trial": name}, {}, [], None, trial_signals)
 
 
 def written(folder):

@@ -97,10 +97,10 @@ def test_a_raw_recording_is_fitted_with_its_source_as_after_ingest(folder):
     raw = folder / f"dynamometer/{TRIAL}.mcap"
     source = ("--source", "config/sources/dynamometer.yaml")
 
-    of_raw = call("fit", raw, *source, *options)
-    of_ingested = call("fit", folder / f"{TRIAL}.parquet", *options)
+    from_raw = call("fit", raw, *source, *options)
+    from_trial = call("fit", folder / f"{TRIAL}.parquet", *options)
 
-    assert json.loads(of_raw.stdout) == json.loads(of_ingested.stdout)
+    assert json.loads(from_raw.stdout) == json.loads(from_trial.stdout)
     assert raw.name in one_line(call("fit", raw, "--source", raw))
 
 

@@ -64,7 +64,7 @@ def bench_trial(experiment):
     return joint_trial(time, theta, torque)
 
 
-def of_campaign(experiment, folder, config_path):
+def campaign_files(experiment, folder, config_path):
     """The tables of one trial as the job of a campaign writes them, by name;
     `fits/NAME/made.csv`."""
     config = read_config(config_path)
@@ -104,7 +104,7 @@ CONDITIONS = {
 
 @pytest.mark.parametrize("motion", CONDITIONS)
 def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(motion, tmp_path, short):
-    files = of_campaign(motion, tmp_path, short)
+    files = campaign_files(motion, tmp_path, short)
     experiment = "impedance" if motion == "any motion" else motion
     fit = osl.fit(bench_trial(motion), experiment, config=short, **CONDITIONS[motion])
 
@@ -115,8 +115,8 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(motion,
     findings = tmp_path / "findings.parquet"
     write_table(tables.judge_table(fit.experiment, limits, rows, budget), findings)
     write_table(tables.gather(rows, fit.experiment, [findings]), made)
-    of_findings = tables.unpublished(fit.table, fit.experiment)
-    assert_same(fit.table.drop(of_findings, strict=False), made, tmp_path)
+    finding_columns = tables.unpublished(fit.table, fit.experiment)
+    assert_same(fit.table.drop(finding_columns, strict=False), made, tmp_path)
     if fit.curves is not None:
         assert_same(
             fit.curves,
@@ -143,7 +143,7 @@ def test_a_fit_of_a_file_is_that_of_its_trial_and_can_be_pickled(tmp_path, short
 
 @least_squares_alone
 def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_path, short):
-    files = of_campaign("impedance", tmp_path, short)
+    files = campaign_files("impedance", tmp_path, short)
     config = read_config(short)
     response = tmp_path / "tables/response.csv"
     findings = tmp_path / "findings.parquet"

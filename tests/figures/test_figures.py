@@ -166,8 +166,8 @@ def in_amplitudes(name="fig5"):
         for end, step in (("low", -7.0), ("high", 5.0))
     }
     fits = stored("impedance").with_columns(**ends, B_viscous=pl.col("B") - 0.4)
-    of_condition = fits.filter(K_d=100, B_d=0)["trial"].unique()
-    findings = [Finding("unexplained_torque", "impedance", trial) for trial in of_condition]
+    trials_of_condition = fits.filter(K_d=100, B_d=0)["trial"].unique()
+    findings = [Finding("unexplained_torque", "impedance", trial) for trial in trials_of_condition]
     return plotted_numbers(name, joined(fits, "impedance", findings))
 
 
@@ -531,11 +531,11 @@ def test_each_figure_has_its_width_and_its_caption_of_what_is_drawn(tmp_path):
         tex=tmp_path / "c.tex",
     )
 
-    _, of_lost, of_drawn = (tmp_path / "c.md").read_text(encoding="utf-8").split("\n## ")
-    assert "i_1: raw/i_1.mcap" in of_lost
-    assert "One column wide" in of_drawn
-    assert "Thick bars are 95 % intervals" in of_drawn
-    assert "Crosses" not in of_drawn
+    _, lost_figure, drawn_figure = (tmp_path / "c.md").read_text(encoding="utf-8").split("\n## ")
+    assert "i_1: raw/i_1.mcap" in lost_figure
+    assert "One column wide" in drawn_figure
+    assert "Thick bars are 95 % intervals" in drawn_figure
+    assert "Crosses" not in drawn_figure
 
 
 def test_viscous_damping_is_drawn_where_every_controller_has_it():

@@ -32,7 +32,7 @@ HOSTILE = (
 )
 
 
-def of_controllers(*names, **place):
+def trials_by_controller(*names, **place):
     """The table of the figures' tests with these controllers in place of its two, and a joint and
     side."""
     parts = [stored("impedance").filter(controller="compensated")] * len(names)
@@ -47,7 +47,7 @@ def of_controllers(*names, **place):
 
 def test_hostile_names_are_drawn_letter_by_letter_without_a_warning():
     """Mathematics, hidden labels, letters that no font has, and long names."""
-    table = of_controllers(*HOSTILE, joint="exo $K_d$ & more", side="left").filter(
+    table = trials_by_controller(*HOSTILE, joint="exo $K_d$ & more", side="left").filter(
         pl.col("K_d") == 100
     )
     points = plotted_numbers("fig5", table)
@@ -64,7 +64,9 @@ def test_hostile_names_are_drawn_letter_by_letter_without_a_warning():
 
 def test_trials_of_two_joints_share_neither_a_panel_nor_a_swarm():
     places = (("knee", "left"), ("ankle", "left"), ("ankle", "right"))
-    each = [of_controllers("pd", joint=joint, side=side).filter(K_d=100) for joint, side in places]
+    each = [
+        trials_by_controller("pd", joint=joint, side=side).filter(K_d=100) for joint, side in places
+    ]
     both = pl.concat(table.with_columns(pl.col("K") + 1000 * k) for k, table in enumerate(each))
 
     axes = drawn("fig5", plotted_numbers("fig5", both)).axes[:3]
@@ -78,7 +80,7 @@ def test_trials_of_two_joints_share_neither_a_panel_nor_a_swarm():
 
 
 def test_a_trial_without_k_d_stands_at_the_end_of_the_axis():
-    table = of_controllers("pd").with_columns(
+    table = trials_by_controller("pd").with_columns(
         K_d=pl.col("K_d").replace_strict({100: 1, 200: 2, 300: 500, 400: None})
     )
     stiffness, _ = drawn("fig5", plotted_numbers("fig5", table)).axes

@@ -43,18 +43,18 @@ def campaign(rng, repeats, scatter, spring=None):
     return rows
 
 
-def told(rows):
-    return [(found.source, found.subject) for found in disagreements(rows, NEEDED)]
+def sources_and_trials(rows):
+    return [(finding.source, finding.subject) for finding in disagreements(rows, NEEDED)]
 
 
 def test_a_mistyped_repeat_is_told_with_values_trial_and_what_to_look_at():
     rows = [trial("k90_1", 90.0, 90.1), trial("k90_2", 90.0, 90.3), trial("k90_3", 90.0, 60.0)]
 
-    (found,) = disagreements(rows, NEEDED)
+    (finding,) = disagreements(rows, NEEDED)
 
-    assert "K 90.1, 90.3, 60.0" in found.size
-    assert found.size.endswith(": k90_3")
-    assert worded(found, {}).remedy.startswith("Is K_d right in the sheet?")
+    assert "K 90.1, 90.3, 60.0" in finding.size
+    assert finding.size.endswith(": k90_3")
+    assert worded(finding, {}).remedy.startswith("Is K_d right in the sheet?")
 
 
 @pytest.mark.parametrize("repeats", [1, 2, 3])
@@ -63,10 +63,10 @@ def test_sound_campaigns_are_not_told_and_a_mistyped_trial_is(repeats, scatter):
     rng = np.random.default_rng(7)
     for _ in range(10):
         rows = [*campaign(rng, repeats, scatter), *campaign(rng, repeats, scatter, 700.0)]
-        assert told(rows) == []
+        assert sources_and_trials(rows) == []
 
         rows[1]["K_d"] *= 1.25
-        assert {found[1] for found in told(rows)} == {rows[1]["trial"]}
+        assert {trial for _, trial in sources_and_trials(rows)} == {rows[1]["trial"]}
 
 
 def test_two_repeats_that_differ_are_both_told_where_the_arm_tells_neither():
@@ -76,14 +76,14 @@ def test_two_repeats_that_differ_are_both_told_where_the_arm_tells_neither():
         trial("b", 80.0, 86.0),
     ]
 
-    assert told(rows) == [("unlike_other_trials", "a"), ("unlike_other_trials", "b")]
+    assert sources_and_trials(rows) == [("unlike_other_trials", "a"), ("unlike_other_trials", "b")]
 
 
 def test_trials_that_do_not_know_their_K_contradict_none():
     wide = trial("wide", 90.0, 60.0, half=0.4)
 
-    assert told([trial("k90_1", 90.0, 90.1), trial("k90_2", 90.0, 90.3), wide]) == []
-    assert told([*campaign(np.random.default_rng(1), 1, 0.0), wide]) == []
+    assert sources_and_trials([trial("k90_1", 90.0, 90.1), trial("k90_2", 90.0, 90.3), wide]) == []
+    assert sources_and_trials([*campaign(np.random.default_rng(1), 1, 0.0), wide]) == []
 
 
 def test_a_well_known_repeat_is_not_accused_by_two_that_are_not():
@@ -94,10 +94,10 @@ def test_a_well_known_repeat_is_not_accused_by_two_that_are_not():
         trial("well_known", 90.0, 99.0, half=0.001),
     ]
 
-    assert told(rows) == []
+    assert sources_and_trials(rows) == []
     for row in rows[:2]:
         row |= {"K_low": 0.99 * row["K"], "K_high": 1.01 * row["K"]}
-    assert told(rows) == [("unlike_other_trials", "well_known")]
+    assert sources_and_trials(rows) == [("unlike_other_trials", "well_known")]
 
 
 def test_a_doubtful_estimate_beside_a_clear_one_that_differs_is_told():
@@ -105,22 +105,22 @@ def test_a_doubtful_estimate_beside_a_clear_one_that_differs_is_told():
         late = trial("late", 90.0, K, doubts=[doubt("late_torque", doubtful)])
         return [trial("clear", 90.0, 90.0), late]
 
-    assert told(pair(94.0, "B")) == []
-    assert told(pair(94.0, "K")) == [("unlike_other_trials", "late")]
-    assert told(pair(90.5, "K")) == []
+    assert sources_and_trials(pair(94.0, "B")) == []
+    assert sources_and_trials(pair(94.0, "K")) == [("unlike_other_trials", "late")]
+    assert sources_and_trials(pair(90.5, "K")) == []
 
 
 def test_a_repeat_that_differs_in_B_alone_leaves_its_K():
     rows = [trial("1", 90.0, 90.0), trial("2{}", 90.0, 90.0, B=2.4), trial("3", 90.0, 90.0)]
 
-    (found,) = disagreements(rows, NEEDED)
+    (finding,) = disagreements(rows, NEEDED)
 
-    assert verdict_texts([found]) == {"K": CLEAR, "B": "unlike other trials", "I": CLEAR}
-    assert "B 1.20, 2.40, 1.20" in found.size
+    assert verdict_texts([finding]) == {"K": CLEAR, "B": "unlike other trials", "I": CLEAR}
+    assert "B 1.20, 2.40, 1.20" in finding.size
     rows[1] |= {"K": 60.0, "K_low": 59.9, "K_high": 60.1}
-    (found,) = disagreements(rows, NEEDED)
-    assert set(verdict_texts([found]).values()) == {"unlike other trials"}
-    assert found.size.endswith(": 2{}")
+    (finding,) = disagreements(rows, NEEDED)
+    assert set(verdict_texts([finding]).values()) == {"unlike other trials"}
+    assert finding.size.endswith(": 2{}")
 
 
 @pytest.mark.parametrize(
@@ -134,15 +134,15 @@ def test_a_repeat_that_differs_in_B_alone_leaves_its_K():
 def test_a_factor_of_K_and_B_is_told_with_all_units_that_fit(factor, units, is_doubt):
     rows = [trial(f"{K_d:g}", K_d, factor * K_d, factor) for K_d in (60.0, 100.0, 150.0)]
 
-    found = disagreements(rows, NEEDED)
+    findings = disagreements(rows, NEEDED)
 
-    assert told(rows) == [("common_factor", row["trial"]) for row in rows]
-    assert (found[0].grade is Grade.DOUBTS) == is_doubt
-    assert all(unit in found[0].size for unit in units)
-    assert ("factor" in found[0].size) == bool(units)
+    assert sources_and_trials(rows) == [("common_factor", row["trial"]) for row in rows]
+    assert (findings[0].grade is Grade.DOUBTS) == is_doubt
+    assert all(unit in findings[0].size for unit in units)
+    assert ("factor" in findings[0].size) == bool(units)
 
 
 def test_a_spring_in_series_is_no_common_factor():
     rows = campaign(np.random.default_rng(1), 1, 0.0, spring=500.0)
 
-    assert told([row | {"B": row["K"] / row["K_d"]} for row in rows]) == []
+    assert sources_and_trials([row | {"B": row["K"] / row["K_d"]} for row in rows]) == []

@@ -55,13 +55,13 @@ def pairs(*compensated_and_not):
     return rows
 
 
-def of_damping(fits, quantity="B_error"):
+def damping_pairs(fits, quantity="B_error"):
     table = compensation_table(pl.DataFrame(fits, infer_schema_length=None))
     return table.filter(quantity=quantity)
 
 
 def test_the_difference_of_a_pair_has_the_root_of_both_squared_half_widths():
-    rows = of_damping(pairs(((1.0, 0.3), (2.0, 0.4)), ((0.5, 0.6), (0.7, 0.8))))
+    rows = damping_pairs(pairs(((1.0, 0.3), (2.0, 0.4)), ((0.5, 0.6), (0.7, 0.8))))
 
     first, second = rows.filter(of="trial").to_dicts()
     (all_pairs,) = rows.filter(of="trials").to_dicts()
@@ -77,9 +77,9 @@ def test_damping_is_compared_with_friction_on_both_sides_or_without_it():
     one_side = [fit("compensated", 6.0, 0.1), fit("uncompensated", 7.0, 0.1, **VISCOUS)]
     both = [fit("compensated", 6.0, 0.1, **VISCOUS), one_side[1]]
 
-    assert of_damping(one_side).filter(of="trials")["uncompensated"].item() == pytest.approx(2)
-    assert of_damping(one_side, "B_viscous_error").is_empty()
-    row = of_damping(both, "B_viscous_error").row(-1, named=True)
+    assert damping_pairs(one_side).filter(of="trials")["uncompensated"].item() == pytest.approx(2)
+    assert damping_pairs(one_side, "B_viscous_error").is_empty()
+    row = damping_pairs(both, "B_viscous_error").row(-1, named=True)
     assert (row["compensated"], row["difference"]) == pytest.approx((0.25, 0.0))
     assert row["difference_high"] == pytest.approx(np.hypot(0.25, 0.25))
 
@@ -88,7 +88,7 @@ def test_a_doubtful_trial_has_no_pair():
     fits = pairs(((1.0, 0.1), (2.0, 0.1)), ((1.0, 0.1), (9.0, 0.1)))
     fits[-1]["doubts"] = [doubt("late_torque")]
 
-    assert of_damping(fits).filter(of="trials")["difference"].item() == pytest.approx(-1.0)
+    assert damping_pairs(fits).filter(of="trials")["difference"].item() == pytest.approx(-1.0)
 
 
 BETTER = ((1.0, 0.3), (2.0, 0.4))

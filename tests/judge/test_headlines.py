@@ -31,7 +31,7 @@ def doubts(row, above, below):
 
 
 def causes_of(table, limits):
-    return [[one.cause for one in row] for row in judged(table, limits, "response")]
+    return [[finding.cause for finding in row] for row in judged(table, limits, "response")]
 
 
 UNCHECKED = pl.DataFrame(schema=["trial", "check", "verdict"])
@@ -40,8 +40,8 @@ UNCHECKED = pl.DataFrame(schema=["trial", "check", "verdict"])
 
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
     row = {"fit": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "n": 3}
-    found = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"fit": 90, "held_out": 80})
-    (doubt,) = found
+    findings = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"fit": 90, "held_out": 80})
+    (doubt,) = findings
     assert doubt.source == Source.STATED_LIMIT
     assert [(number.column, number.value, number.limit) for number in doubt.evidence] == [
         ("lag", -0.7, -0.5), ("n", 3.0, 2), ("fit", 80.0, 90),
@@ -53,9 +53,9 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
 def test_a_named_cause_stands_before_torque_that_nothing_explains():
     group = {"group": "all", "VAF": 60.0, "marker_noise_ratio": 1e-7}
 
-    found = findings_of(group, Limits(below={"VAF": 80.0}), "walking_groups")
+    findings = findings_of(group, Limits(below={"VAF": 80.0}), "walking_groups")
 
-    assert [each.source for each in found] == ["smoothed_markers", "unexplained_torque"]
+    assert [finding.source for finding in findings] == ["smoothed_markers", "unexplained_torque"]
 
 
 @pytest.mark.parametrize(
@@ -99,10 +99,10 @@ def test_a_mean_is_over_trials_that_are_not_doubtful_however_few(n_doubtful, mea
 
 def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude():
     late = Finding("late_torque", "impedance", "a", amplitude_deg=2.0, estimates=("K",))
-    of_whole = Finding("friction", "impedance", "a", estimates=("B",))
+    trial_doubt = Finding("friction", "impedance", "a", estimates=("B",))
     response = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, 2.0, 4.0, None]})
 
-    shared = joined(response, "response", [late, of_whole])
+    shared = joined(response, "response", [late, trial_doubt])
 
     late_K, friction_B = doubt("late_torque", "K"), doubt("friction", "B")
     assert shared[DOUBTS].to_list() == [[late_K, friction_B]] * 2 + [[friction_B]] * 2
@@ -198,18 +198,18 @@ def test_a_delay_that_a_trial_does_not_tell_is_listed_though_another_tells_its_o
     unchecked = Contribution("late_torque", None, part="fault", per="0.3 N*m*s/rad per ms")
     rows = budget_rows({"trial": "a"}, {"B": Budget(2.0, (unchecked,))})
 
-    told = table_findings(impedance, Limits(), "impedance", budget=table_of(rows, "budget"))
+    findings = table_findings(impedance, Limits(), "impedance", budget=table_of(rows, "budget"))
 
-    assert "late_torque" in [finding.source for finding in told]
+    assert "late_torque" in [finding.source for finding in findings]
 
 
 def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
     impedance = fits(saturated_samples=[9, 0])
     verdicts = fits(check="saturation", verdict="flag", value=9.0, unit="samples", remark="")
 
-    told = campaign_findings(table_findings(impedance, Limits(), "impedance"), verdicts)
+    findings = campaign_findings(table_findings(impedance, Limits(), "impedance"), verdicts)
 
-    clipped = [finding for finding in told if finding.source == "clipped_signal"]
+    clipped = [finding for finding in findings if finding.source == "clipped_signal"]
     assert [(finding.subject, finding.table) for finding in clipped] == [
         ("b", "quality"),
         ("a", "impedance"),
@@ -228,21 +228,21 @@ def test_a_trial_that_is_used_without_its_end_is_doubtful_for_a_damaged_log():
         }
     )
 
-    of_all = campaign_findings([], verdicts)
-    of_others = campaign_findings([], verdicts[1:])
+    all_findings = campaign_findings([], verdicts)
+    findings_on_others = campaign_findings([], verdicts[1:])
 
-    doubts = [finding for finding in of_all if finding.grade is Grade.DOUBTS]
+    doubts = [finding for finding in all_findings if finding.grade is Grade.DOUBTS]
     assert [(finding.subject, finding.cause) for finding in doubts] == [("flagged", "damaged log")]
-    assert [finding for finding in of_others if finding.grade is Grade.DOUBTS] == []
+    assert [finding for finding in findings_on_others if finding.grade is Grade.DOUBTS] == []
 
 
 def test_a_check_of_a_trial_is_not_hidden_by_a_doubt_at_one_amplitude():
     impedance = fits(B=[2.0, 2.0], amplitude_deg=[2.0, None], saturated_samples=[9, 9])
     verdicts = fits(check="saturation", verdict="flag", value=9.0, unit="samples", remark="")
 
-    told = campaign_findings(table_findings(impedance, Limits(), "impedance"), verdicts)
+    findings = campaign_findings(table_findings(impedance, Limits(), "impedance"), verdicts)
 
-    clipped = [finding for finding in told if finding.source == "clipped_signal"]
+    clipped = [finding for finding in findings if finding.source == "clipped_signal"]
     assert [(finding.subject, finding.table, finding.amplitude_deg) for finding in clipped] == [
         ("a", "quality", None),
         ("a", "impedance", 2.0),

@@ -43,8 +43,8 @@ NO_FIXTURE = {"fixture": None}
 )
 def test_what_a_row_does_not_show_is_told(name, table, told, not_told):
     def is_told(row):
-        found = findings_of({"trial": "a", **row}, Limits(), table)
-        return name in [finding.source for finding in found]
+        findings = findings_of({"trial": "a", **row}, Limits(), table)
+        return name in [finding.source for finding in findings]
 
     assert [row for row in told if not is_told(row)] == []
     assert [row for row in not_told if is_told(row)] == []

@@ -80,7 +80,7 @@ REMARKS = [
 CASES = [(*case, Grade.DOUBTS) for case in LIMITS] + [(*case, Grade.NOTES) for case in REMARKS]
 
 
-def found(table, row, grade):
+def sources_found(table, row, grade):
     """What is found in a row that has a fit, with this grade."""
     findings = findings_of({"trial": "a", **row}, DOUBTFUL.of(table), table)
     return [finding.source for finding in findings if finding.grade is grade]
@@ -90,16 +90,18 @@ def found(table, row, grade):
 def test_a_number_is_found_beyond_its_limit_and_not_within(
     table, column, sound, beyond, source, grade
 ):
-    assert [found(table, {column: value}, grade) for value in sound] == [[]] * len(sound)
-    assert [found(table, {column: value}, grade) for value in beyond] == [[source]] * len(beyond)
+    assert [sources_found(table, {column: value}, grade) for value in sound] == [[]] * len(sound)
+    assert [sources_found(table, {column: value}, grade) for value in beyond] == [[source]] * len(
+        beyond
+    )
 
 
 def test_each_limit_on_a_column_has_such_a_test():
     listed = {(rule.column, rule.source) for rule in number_rules()}
-    stated = {column for table in Table for column, _ in DOUBTFUL.of(table).by_column}
+    limited_columns = {column for table in Table for column, _ in DOUBTFUL.of(table).by_column}
 
     assert listed == {(column, source) for _, column, _, _, source, _ in CASES}
-    assert stated <= {column for _, column, *_ in CASES}
+    assert limited_columns <= {column for _, column, *_ in CASES}
 
 
 @pytest.mark.parametrize(("K", "B", "is_too_soft"), [
@@ -107,7 +109,10 @@ def test_each_limit_on_a_column_has_such_a_test():
     (None, 0.09, False),
 ])  # fmt: skip
 def test_a_joint_that_is_too_soft_has_neither_stiffness_nor_damping(K, B, is_too_soft):
-    assert found("impedance", {"K": K, "B": B}, Grade.DOUBTS) == ["unlikely_size"] * is_too_soft
+    assert (
+        sources_found("impedance", {"K": K, "B": B}, Grade.DOUBTS)
+        == ["unlikely_size"] * is_too_soft
+    )
 
 
 @pytest.mark.parametrize(("share", "is_unit"), [(1.035, True), (0.955, False)])
@@ -116,7 +121,7 @@ def test_a_ratio_is_one_of_units_within_four_percent(share, is_unit):
     ratio = share / 1.3558
     row = {"K_over_K_d": ratio, "B_over_B_d": ratio}
 
-    doubts = found("impedance", row, Grade.DOUBTS)
+    doubts = sources_found("impedance", row, Grade.DOUBTS)
 
     assert ("wrong_unit" in doubts) == is_unit
 

@@ -59,8 +59,8 @@ def test_every_column_that_a_limit_decides_has_one():
     doubtful = DoubtfulFits.model_validate(SETTINGS["doubtful"])
     limited = set()
     for table in JUDGED_TABLES:
-        stated = doubtful.of(table)
-        limited |= {*stated.above, *stated.below, *stated.ratio}
+        limits = doubtful.of(table)
+        limited |= {*limits.above, *limits.below, *limits.ratio}
     without = {rule.column for rule in number_rules() if rule.limit is None}
     assert without - limited == set(), "state its limit under `doubtful`, or in judge/rules.py"
 
@@ -81,11 +81,11 @@ def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, numbers):
 def test_what_was_not_checked_has_words_of_its_own():
     late = Finding("late_torque", "impedance", "a", Grade.UNCHECKED, size="B 0.3 per ms")
 
-    told = worded(late, {"lag_s": 1e-3})
+    worded_finding = worded(late, {"lag_s": 1e-3})
 
-    assert "may not be of the same instant" in told.says
-    assert "`calibration`" in told.remedy
-    assert told.size == "B 0.3 per ms"
+    assert "may not be of the same instant" in worded_finding.says
+    assert "`calibration`" in worded_finding.remedy
+    assert worded_finding.size == "B 0.3 per ms"
 
 
 @pytest.mark.parametrize(

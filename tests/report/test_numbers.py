@@ -68,9 +68,9 @@ def numbers_of(**tables):
 
 
 def test_a_group_s_doubt_stands_on_its_number_and_in_a_macro_of_its_own():
-    of_group = {"group": "all", "estimator": "ensemble", "n": 12}
+    group_cells = {"group": "all", "estimator": "ensemble", "n": 12}
     summary = pl.DataFrame(
-        [of_group | {"quantity": "K", "mean": 300.0, "low": 270.0, "high": 330.0}]
+        [group_cells | {"quantity": "K", "mean": 300.0, "low": 270.0, "high": 330.0}]
     )
     doubted = joined(summary, "walking_summary", [GROUP_DOUBT])
 
@@ -101,19 +101,19 @@ def test_numbers_of_another_excitation_are_another_condition_s():
     both = SOUND.with_columns(excitation=excitation)
 
     numbers = numbers_of(impedance=both)
-    of_table = [row["K [N*m/rad]"].split()[0] for row in rows_of(conditions(both))]
+    K_in_table = [row["K [N*m/rad]"].split()[0] for row in rows_of(conditions(both))]
 
     names = ("K_PD_1_K_d_200_B_d_5_periodic", "K_PD_1_K_d_200_B_d_5_stepped_sine")
     assert [numbers[name].texts[0] for name in names] == ["206.0", "202.0"]
-    assert {"206.0", "202.0"} < {*of_table}
+    assert {"206.0", "202.0"} < {*K_in_table}
 
 
 def test_the_median_VAF_is_that_of_the_fits_that_Fig_6_draws():
-    of_figure = counted(fig6.points(IMPEDANCE))
+    figure_rows = counted(fig6.points(IMPEDANCE))
 
     number = numbers_of(impedance=IMPEDANCE)["VAF_median_PD_1"]
 
-    assert (number.value, number.n) == (of_figure["VAF"].median(), len(of_figure)) == (98.0, 2)
+    assert (number.value, number.n) == (figure_rows["VAF"].median(), len(figure_rows)) == (98.0, 2)
 
 
 def test_the_error_of_the_damping_is_that_of_Eq_15_and_the_viscous_one_has_its_own_number():
@@ -364,8 +364,12 @@ def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():
     wide = Finding("wide_interval", "walking_groups", "all", Grade.NOTES, estimates=("K",))
     clear = joined(summary, "walking_summary", [wide])
 
-    of_mean, predicted = rows_of(list(paper_tables.groups(clear)))
-    assert (of_mean["n"], of_mean["K [N*m/rad]"][:3], of_mean["VAF [%]"]) == ("30", "336", "99.99")
+    minus_mean, predicted = rows_of(list(paper_tables.groups(clear)))
+    assert (minus_mean["n"], minus_mean["K [N*m/rad]"][:3], minus_mean["VAF [%]"]) == (
+        "30",
+        "336",
+        "99.99",
+    )
     assert (predicted["n"], predicted["K [N*m/rad]"][:3], predicted["VAF [%]"]) == (
         "30",
         "333",

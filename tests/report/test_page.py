@@ -98,10 +98,10 @@ def test_a_table_for_a_paper_has_the_parts_of_each_controller():
 
 
 def test_the_table_of_parts_has_the_mean_over_trials_beside_them():
-    own = table_of(budget_rows(PLACE, {"K_s": Budget(684.0, PARTS)}), "budget")
+    belt_budget = table_of(budget_rows(PLACE, {"K_s": Budget(684.0, PARTS)}), "budget")
     mean = pl.DataFrame([{"quantity": "K_s", "low": 679.5, "high": 689.3}])
 
-    (_, row) = interval_rows(own, pl.DataFrame(), [mean])
+    (_, row) = interval_rows(belt_budget, pl.DataFrame(), [mean])
 
     assert (row[1], row[-3], row[-1]) == ("K_s [N*m/rad]", "10", "4.9")
 
@@ -127,11 +127,11 @@ def test_a_trial_has_a_row_of_estimates_per_fit_with_intervals_and_units():
 
     table = html.partition("<h2>Estimates</h2>")[2].partition("</table>")[0]
     heads = re.findall("<th>(.*?)</th>", table)
-    of_amplitude, of_all = re.findall("<tr><td>(.*?)</td></tr>", table)
+    amplitude_row, trial_row = re.findall("<tr><td>(.*?)</td></tr>", table)
     assert (heads[0], heads[-1]) == ("amplitude [deg]", "VAF [%]")
     assert "N·m/rad" in heads[1]
-    assert re.fullmatch("2<.*>90 .*80, 100.*>97", of_amplitude)
-    assert re.fullmatch(r"all<.*>101\.0 .*99\.0, 103\.0.*>98", of_all)
+    assert re.fullmatch("2<.*>90 .*80, 100.*>97", amplitude_row)
+    assert re.fullmatch(r"all<.*>101\.0 .*99\.0, 103\.0.*>98", trial_row)
 
 
 def test_the_page_escapes_names_and_asks_for_no_other_file():
@@ -189,8 +189,8 @@ def unpacked(packed):
     changes = np.frombuffer(zlib.decompress(b64decode(packed["packed"])), "<i4")
     steps = np.cumsum(changes.reshape(len(packed["columns"]), -1), axis=1)
     values = {}
-    for (name, (low, step)), of_column in zip(packed["columns"].items(), steps, strict=True):
-        values[name] = np.where(of_column < 0, np.nan, low + step * of_column)
+    for (name, (low, step)), column_steps in zip(packed["columns"].items(), steps, strict=True):
+        values[name] = np.where(column_steps < 0, np.nan, low + step * column_steps)
     return values
 
 

@@ -28,12 +28,12 @@ def responses(perturbed=8, unperturbed=8):
     gait = [walked(name, walk) for name, walk in several("u", unperturbed, Walk()).items()]
     turned = [walked(name, walk) for name, walk in several("p", perturbed, Walk(0.4)).items()]
     mean = unperturbed_gait(gait, 3)
-    return [isolate_response(each, mean, TIMING) for each in turned]
+    return [isolate_response(crossing, mean, TIMING) for crossing in turned]
 
 
-def of_source(budget, source):
-    (found,) = budget.from_source(source)
-    return found
+def contribution_from(budget, source):
+    (headline_fit,) = budget.from_source(source)
+    return headline_fit
 
 
 def test_the_scatter_of_the_crossings_is_that_of_their_single_fits():
@@ -42,9 +42,9 @@ def test_the_scatter_of_the_crossings_is_that_of_their_single_fits():
     budget = headline_of_responses(isolated, NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
 
     singles = [fit_response(response)["K"] for response in isolated]
-    of_crossings = of_source(budget, "crossings")
-    assert of_crossings.standard == pytest.approx(np.std(singles, ddof=1) / np.sqrt(8), rel=0.05)
-    assert of_crossings.freedom == 7
+    crossings_row = contribution_from(budget, "crossings")
+    assert crossings_row.standard == pytest.approx(np.std(singles, ddof=1) / np.sqrt(8), rel=0.05)
+    assert crossings_row.freedom == 7
 
 
 def test_the_scatter_of_the_mean_gait_is_that_of_unperturbed_crossings():
@@ -53,15 +53,15 @@ def test_the_scatter_of_the_mean_gait_is_that_of_unperturbed_crossings():
 
     budget = headline_of_responses([response] * 2, NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
 
-    of_gait = of_source(budget, "mean_gait")
+    gait_row = contribution_from(budget, "mean_gait")
     alike = np.ones((6, 1))
     singles = [
         fit_response(replace(response, thetas=theta * alike, torques=torque * alike))["K"]
         for theta, torque in zip(response.thetas, response.torques, strict=True)
     ]
-    assert of_gait.standard == pytest.approx(np.std(singles, ddof=1) / np.sqrt(6), rel=0.05)
-    assert of_gait.freedom == 5
-    assert budget.half_width() == pytest.approx(t.ppf(0.975, 5) * of_gait.standard)
+    assert gait_row.standard == pytest.approx(np.std(singles, ddof=1) / np.sqrt(6), rel=0.05)
+    assert gait_row.freedom == 5
+    assert budget.half_width() == pytest.approx(t.ppf(0.975, 5) * gait_row.standard)
 
 
 def test_the_trials_of_the_plate_count_as_leaving_out_each_does():
@@ -74,9 +74,9 @@ def test_the_trials_of_the_plate_count_as_leaving_out_each_does():
     without = [
         fit_response(replace(response, torques=response.torques + wave))["K"] for wave in waves
     ]
-    of_plate = of_source(budget, "plate_inertia")
-    assert of_plate.freedom == 3
-    assert of_plate.standard == pytest.approx(np.std(without) * np.sqrt(3))
+    plate_row = contribution_from(budget, "plate_inertia")
+    assert plate_row.freedom == 3
+    assert plate_row.standard == pytest.approx(np.std(without) * np.sqrt(3))
 
 
 def test_an_uncertain_lag_changes_the_damping_as_a_late_torque_does():
@@ -90,17 +90,21 @@ def test_an_uncertain_lag_changes_the_damping_as_a_late_torque_does():
     budget = headline_of_responses([uncertain] * 2, NO_CORRECTION, timing).ensemble.budgets["B"]
 
     late = fit_response(replace(response, torques=response.torques + 0.5e-3 * later))
-    assert of_source(budget, "plate_lag").standard == pytest.approx(abs(late["B"] - budget.value))
+    assert contribution_from(budget, "plate_lag").standard == pytest.approx(
+        abs(late["B"] - budget.value)
+    )
 
 
 def test_what_nobody_has_measured_is_listed_with_its_size_per_unit():
     (response,) = responses(1, 6)
-    of_theta = np.ones((len(PER_UNIT), 1)) * response.motion.theta  # a change of K by 1 N*m/rad
-    changed = replace(response, changes=of_theta)
+    theta_changes = (
+        np.ones((len(PER_UNIT), 1)) * response.motion.theta
+    )  # a change of K by 1 N*m/rad
+    changed = replace(response, changes=theta_changes)
 
     budgets = headline_of_responses([changed] * 2, NO_CORRECTION, UNKNOWN).ensemble.budgets
 
-    assert [(each.source, each.per) for each in budgets["K"].unknown[1:]] == [
+    assert [(row.source, row.per) for row in budgets["K"].unknown[1:]] == [
         ("walking_unseen", "1 N*m/rad per mm of the foot's place"),
         ("plate_unseen", "1 N*m/rad per kg"),
         ("plate_unseen", "1 N*m/rad per ms"),
@@ -111,20 +115,20 @@ def test_what_nobody_has_measured_is_listed_with_its_size_per_unit():
 def test_a_window_and_an_offset_are_in_no_interval():
     budget = headline_of_responses(responses(), NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
 
-    chosen = [each.source for each in budget.in_parts("motion")]
+    chosen = [row.source for row in budget.in_parts("motion")]
     assert chosen == ["window", "offset"]
-    others = replace(budget, contributions=tuple(budget.in_parts("repeatability", "bench")))
-    assert budget.half_width() == others.half_width()
+    without_motion = replace(budget, contributions=tuple(budget.in_parts("repeatability", "bench")))
+    assert budget.half_width() == without_motion.half_width()
 
 
 def test_the_share_of_an_offset_is_what_it_changes_of_K():
-    found = headline_of_responses(responses(), NO_CORRECTION, UNKNOWN)
-    mean = found.ensemble.response
+    headline_fit = headline_of_responses(responses(), NO_CORRECTION, UNKNOWN)
+    mean = headline_fit.ensemble.response
     columns = np.column_stack([mean.fitted_motion.columns, np.ones_like(mean.fitted_torque)])
     (K_with_offset, *_), *_ = np.linalg.lstsq(columns, mean.fitted_torque)
     K_alone = fit_response(mean)["K"]
 
-    row = result_columns({"onset_phase": 0.4, "stance_s": 0.7}, found)
+    row = result_columns({"onset_phase": 0.4, "stance_s": 0.7}, headline_fit)
 
     assert row["offset_share"] == pytest.approx(abs(K_with_offset / K_alone - 1))
 
@@ -139,7 +143,7 @@ def test_an_onset_that_is_uncertain_by_so_many_frames_moves_the_window(frames):
     mean = mean_response(isolated)
     later = slice(mean.window.start + frames, mean.window.stop + frames)
     moved = abs(fit_response(replace(mean, window=later))["K"] - budget.value)
-    assert of_source(budget, "onset").standard == pytest.approx(moved, rel=0.5)
+    assert contribution_from(budget, "onset").standard == pytest.approx(moved, rel=0.5)
 
 
 def deviating(seed, perturbed=False):
@@ -167,9 +171,9 @@ def headline(isolated):
 def test_lasting_deviations_are_predicted():
     """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and
     holds the truth."""
-    found = headline(isolated_all())
+    headline_fit = headline(isolated_all())
 
-    mean, predicted = found.ensemble.budgets["K"], found.predicted.budgets["K"]
+    mean, predicted = headline_fit.ensemble.budgets["K"], headline_fit.predicted.budgets["K"]
     assert predicted.value == pytest.approx(K, rel=0.01)
     assert abs(mean.value / K - 1) > 2 * abs(predicted.value / K - 1)
     assert predicted.low < K < predicted.high
@@ -179,17 +183,17 @@ def test_lasting_deviations_are_predicted():
 def test_predictors_cost_degrees_of_freedom():
     isolated = 2 * isolated_all()
 
-    found = headline(isolated)
+    headline_fit = headline(isolated)
 
-    freedom = of_source(found.predicted.budgets["K"], "mean_gait").freedom
+    freedom = contribution_from(headline_fit.predicted.budgets["K"], "mean_gait").freedom
     assert freedom in (9 - 1, 9 - 2)
-    assert of_source(found.ensemble.budgets["K"], "mean_gait").freedom == 9
+    assert contribution_from(headline_fit.ensemble.budgets["K"], "mean_gait").freedom == 9
 
 
 def test_six_unperturbed_crossings_predict_nothing():
-    found = headline(isolated_all(usual=6))
+    headline_fit = headline(isolated_all(usual=6))
 
-    assert found.predicted.budgets["K"] == found.ensemble.budgets["K"]
+    assert headline_fit.predicted.budgets["K"] == headline_fit.ensemble.budgets["K"]
 
 
 @pytest.mark.parametrize(
@@ -208,10 +212,10 @@ def test_a_negative_inertia_without_a_drivetrain_is_a_doubt_about_the_lag(
     turned = [walked(name, walk) for name, walk in several("p", 8, turn).items()]
     mean = unperturbed_gait(gait, 3)
 
-    found = group_headline(turned, mean, TIMING, NO_CORRECTION, UNKNOWN, has_drivetrain)
+    headline_fit = group_headline(turned, mean, TIMING, NO_CORRECTION, UNKNOWN, has_drivetrain)
 
     verdicts = {
         name: budget.verdict(0.1 * abs(budget.value)).name
-        for name, budget in found.ensemble.budgets.items()
+        for name, budget in headline_fit.ensemble.budgets.items()
     }
     assert {name for name, verdict in verdicts.items() if verdict == "late_torque"} == doubts

@@ -68,22 +68,22 @@ def test_each_direction_of_the_turn_has_a_result_of_its_own(is_stated, tmp_path)
     assert set(tables["groups"]["n_unperturbed"]) == {4}
 
 
-def of_stiffness(values):
+def walks_by_stiffness(values):
     """Crossings of legs with these stiffnesses, whose gait differs, and their cells."""
     walks = {}
     cells = {}
     for K in values:
         gait = 0.8 + K / 2000
-        of_leg = several(f"p{K:.0f}_", 3, MIDSTANCE, impedance=(K, 5.0, 0.03), gait=gait)
-        of_leg |= several(f"u{K:.0f}_", 3, Walk(gait=gait))
-        walks |= of_leg
-        cells |= {name: {"K_d": float(K), "B_d": 5.0} for name in of_leg}
+        leg_walks = several(f"p{K:.0f}_", 3, MIDSTANCE, impedance=(K, 5.0, 0.03), gait=gait)
+        leg_walks |= several(f"u{K:.0f}_", 3, Walk(gait=gait))
+        walks |= leg_walks
+        cells |= {name: {"K_d": float(K), "B_d": 5.0} for name in leg_walks}
     return walks, cells
 
 
 @pytest.fixture(scope="module")
 def three_legs(tmp_path_factory):
-    walks, cells = of_stiffness((200.0, 340.0, 480.0))
+    walks, cells = walks_by_stiffness((200.0, 340.0, 480.0))
     cells["fell"] = {"perturbed": True, "K_d": 340.0, "exclude": "he fell"}
     return campaign(tmp_path_factory.mktemp("legs"), walks, cells)
 
@@ -126,7 +126,7 @@ def test_a_condition_that_only_some_crossings_state_is_refused(column, is_pertur
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp_path):
-    walks, cells = of_stiffness((200.0,))
+    walks, cells = walks_by_stiffness((200.0,))
     few = several("few", 1, MIDSTANCE) | several("few_u", 3, Walk())
     bare = several("bare", 3, MIDSTANCE)
     cells |= {name: {"K_d": 600.0 if name in bare else 500.0, "B_d": 5.0} for name in few | bare}

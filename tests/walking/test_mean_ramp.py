@@ -94,8 +94,8 @@ def test_the_start_of_a_rise_has_the_error_of_a_step_of_any_shape():
     start, se = start_of_rise(clean + noise * white_noise(len(clean), 5))
 
     free = (-0.04, 0.08, 3.0)
-    of_noise = {"sigma": np.full(rises.sum(), noise), "absolute_sigma": True}
-    _, covariance = curve_fit(step_of, SINCE_MIDDLE[rises], clean[rises], free, **of_noise)
+    noise_options = {"sigma": np.full(rises.sum(), noise), "absolute_sigma": True}
+    _, covariance = curve_fit(step_of, SINCE_MIDDLE[rises], clean[rises], free, **noise_options)
     assert se == pytest.approx(np.sqrt(covariance[0, 0]), rel=0.2)
     assert abs(start + 0.04) < 1.96 * se
 

@@ -61,10 +61,10 @@ def timing_with(random, late=0.0, drift=0.0, scatter=0.0):
     turns = {"plate": [], "walk": []}
     for kind, count, times in (("plate", 5, (0.8, 1.5)), ("walk", 12, (1.9,))):
         for k in range(count):
-            own = scatter * random.normal() + late * (kind == "walk")
-            true[f"{kind}_{k}"] = own + drift * 1.1
+            own_lag = scatter * random.normal() + late * (kind == "walk")
+            true[f"{kind}_{k}"] = own_lag + drift * 1.1
             for time in times:
-                lag = own + drift * time + NOISE_S[kind] * random.normal()
+                lag = own_lag + drift * time + NOISE_S[kind] * random.normal()
                 turns[kind].append(TurnLag(f"{kind}_{k}", time, lag, NOISE_S[kind]))
     walked = {turn.trial: [turn] for turn in turns["walk"]}
     model = replace(NO_CORRECTION, turns=tuple(turns["plate"]))
@@ -142,11 +142,11 @@ def test_a_window_that_ends_on_the_ramp_is_told():
 
 def test_a_plate_that_stands_where_another_stood_is_refused():
     here = np.array(CORNERS)
-    beside = here + np.array([0.6, 0.0, 0.0])
+    other_place = here + np.array([0.6, 0.0, 0.0])
 
-    check_place(here, 1, {1: here + 0.01, 2: beside})
+    check_place(here, 1, {1: here + 0.01, 2: other_place})
     with refused_with(r"plate 1 stands where plate 2 stood.*60 cm"):
-        check_place(beside, 1, {1: here, 2: beside + 0.01})
+        check_place(other_place, 1, {1: here, 2: other_place + 0.01})
 
 
 def test_metres_that_are_labelled_as_millimetres_are_refused_for_their_unit():

@@ -298,8 +298,9 @@ def excluded(trials):
 
 
 WITHOUT_EXCLUDED = "{rule}, without what quality control excludes: {params.excluded}"
-"""The message of a rule with this param. For it Snakemake looks params up anew as the job begins:
-else, of jobs that are processes of their own, it would keep those of the plan for the next run."""
+"""The message of a rule with this param. To write it, Snakemake looks params up anew as the job
+begins. Otherwise jobs that are processes of their own would keep those of the plan for the next
+run."""
 
 
 def faults(trials):

@@ -42,11 +42,12 @@ def suffixes() -> tuple[str, ...]:
 
 def recorded_files(path: Path) -> list[Path]:
     """The files of a recording; a folder that is none stands for itself."""
-    may_have_parts = path.is_dir() or any(
+    is_folder = path.is_dir()
+    may_have_parts = is_folder or any(
         known.files_in is not alone and path.suffix.lower() in known.suffixes
         for known in known_formats().values()
     )
-    if may_have_parts and path.exists():
+    if may_have_parts and (is_folder or path.is_file()):
         for known_format in formats.formats_of(path):
             with suppress(InputError):
                 return [*known_format.files_in(path)]

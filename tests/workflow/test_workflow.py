@@ -27,6 +27,8 @@ from osl_analysis.base.table import not_analysed, read_table, write_table
 from osl_analysis.campaign.configuration import overriding
 from osl_analysis.commands.fit import derive
 from osl_analysis.commands.tables import (
+    HeadlineFacts,
+    HeadlineFiles,
     check_claims,
     gather,
     gather_findings,
@@ -201,18 +203,13 @@ def made_of_fits(results: Path, folder: Path) -> dict[str, pl.DataFrame]:
     files["claims"] = folder / "claims.csv"
     write_table(compared, files["claims"])
     sheet = pl.read_csv(results.parent / "raw_data/small/trials.csv", infer_schema=False)
+    excluded = results / "tables/excluded.csv"
     write_summary(
-        about=ABOUT,
-        table_paths=files,
+        files=HeadlineFiles(files, [], excluded, verdicts, campaign_findings),
+        facts=HeadlineFacts(ABOUT, beside_draft=False, settings={}, stated={}, changed=[]),
+        sheet={row["trial"]: row for row in sheet.to_dicts()},
         summary_json=folder / "summary.json",
         numbers_tex=folder / "numbers.tex",
-        sheet={row["trial"]: row for row in sheet.to_dicts()},
-        excluded=results / "tables/excluded.csv",
-        verdicts=verdicts,
-        findings=campaign_findings,
-        beside_draft=False,
-        settings={},
-        stated={},
     )
     summary = json.loads((folder / "summary.json").read_text())
     headline = [{"quantity": name, **number} for name, number in summary["numbers"].items()]
